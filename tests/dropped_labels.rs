@@ -352,3 +352,33 @@ fn labels_that_are_left_out_are_not_judged() {
         }
     }
 }
+
+#[test]
+fn regions_between_thresholds_are_chosen_by_number_and_name() {
+    let folder = folder();
+    // The distance from the centre is the radius 12 less the value.
+    let value = |at: [usize; 3]| {
+        12.0 - at
+            .map(|c| (c as f32 - 11.5).powi(2))
+            .iter()
+            .sum::<f32>()
+            .sqrt()
+    };
+    write_npy(&folder.path().join("grey.npy"), [24; 3], value);
+    let ball = |radius: f64| 4.0 / 3.0 * std::f64::consts::PI * radius.powi(3);
+    for (options, expected) in [
+        ("--threshold 3 --keep above", ball(9.0)),
+        ("--threshold 3,6 --keep 2", ball(6.0)),
+        ("--threshold 3,6 --keep above", ball(6.0)),
+        ("--threshold 3,6 --keep between", ball(9.0) - ball(6.0)),
+        ("--threshold 3,6 --drop below", ball(9.0)),
+    ] {
+        let line = format!("mesh grey.npy -o g.vtu --feature isosurface --distance 3 {options}");
+        run(folder.path(), &format!("{line} --quiet"));
+        let (volume, ..) = content(&folder.path().join("g.vtu"));
+        assert!(
+            (volume / expected - 1.0).abs() < 0.01,
+            "{options}: {volume}, not {expected}"
+        );
+    }
+}

@@ -198,6 +198,7 @@ impl RecordedOptions {
         toml::from_str(text.trim_end_matches('\0')).unwrap_or_default()
     }
 
+    /// Returns the options of labels.
     fn labels(&self) -> Vec<LabelOptions> {
         let labels = self.label.iter();
         labels
@@ -205,8 +206,8 @@ impl RecordedOptions {
             .collect()
     }
 
-    /// Returns which labels the mesh keeps. If the record uses names that are not known here, these are the labels that have
-    /// cells: `cells` has the index of the label of each cell.
+    /// Returns which labels the mesh keeps. If the record uses names that are not known here, these are the
+    /// labels that have cells. `cells` has the index of the label of each cell.
     fn kept_labels(
         &self,
         labels: &[LabelValue],
@@ -218,14 +219,7 @@ impl RecordedOptions {
             keep: self.keep.as_ref(),
             keep_largest: self.keep_largest,
         };
-        let known = labels.iter().zip(names).zip(0..);
-        let known: Vec<KnownRegion> = known
-            .map(|((&label, name), region)| KnownRegion {
-                region,
-                label: Some(label),
-                name: name.clone(),
-            })
-            .collect();
+        let known = KnownRegion::of_labels(labels, names);
         choice
             .kept_regions(&known, "the image")
             .unwrap_or_else(|_| {

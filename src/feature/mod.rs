@@ -104,6 +104,7 @@ pub(crate) use detection::fills_gaps;
 pub use detection::{DetectionOptions, FaultEvidence};
 pub use detectors::FeatureKind;
 pub use detectors::paths::PathSeeds;
+pub(crate) use detectors::value_regions::{region_names, region_values};
 pub(crate) use detectors::{Brightness, ThresholdMeaning};
 pub use doubt::Doubt;
 pub use given::{GivenPoints, GivenSurface, SurfaceName};

@@ -35,13 +35,14 @@ const MIN_HALF_SIDE: usize = 9;
 /// Half the length of the sides of crops that are considered, in samples, the largest first.
 const HALF_SIDES: [usize; 8] = [32, 24, 18, 14, 11, 9, 7, 6];
 
-/// Factors by which candidates make distances smaller: twice and eight times as many cells.
+/// Factor by which a candidate makes distances smaller: twice as many cells.
 const FINER_DISTANCE: f64 = 0.8;
+/// Factor by which the last candidate makes distances smaller: eight times as many cells.
 const FINEST_DISTANCE: f64 = 0.5;
 
-/// Smallest distance of the range that replaces a constant one, as a share of that, and the number of cells that
-/// this takes, as a multiple.
+/// Smallest distance of the range that replaces a constant distance, as a share of that distance.
 const RANGE_SHARE: f64 = 0.4;
+/// Approximate number of cells with this range, as a multiple of those with the constant distance.
 const RANGE_COST: f64 = 4.0;
 
 /// Least distance between atoms that is tried, in samples.

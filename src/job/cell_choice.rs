@@ -4,7 +4,7 @@ use super::spec::MeshSpec;
 use super::{AnnotatedMesh, MeshResult, Params};
 use crate::Result;
 use crate::error::{Error, cause};
-use crate::feature::{FeatureKind, Features, LabelMap, LabelOptions};
+use crate::feature::{FeatureKind, Features, LabelMap, LabelOptions, region_names, region_values};
 use crate::image::{ImageSource, LabelTable, LabelValue};
 use crate::lattice::distance::Distance;
 use crate::mesh::Simplices;
@@ -34,22 +34,31 @@ pub(super) fn with_coarse_cells<const D: usize>(
     if choice.drop.is_none() && choice.keep.is_none() {
         return Ok(None);
     }
-    let labels = match params.spec.feature {
-        FeatureKind::Isosurface => [0, 1].map(LabelValue::Whole).to_vec(),
+    let (labels, names) = match params.spec.feature {
+        FeatureKind::Isosurface => {
+            let (first, further) = params.spec.threshold_levels();
+            // Without a threshold, the job chooses one.
+            let levels: Vec<f32> = [first.unwrap_or_default()]
+                .into_iter()
+                .chain(further)
+                .collect();
+            (region_values(levels.len()), region_names(&levels))
+        }
         FeatureKind::Labels => match LabelTable::from_image(&*source.to_image()?) {
-            Some(table) => table.values,
+            Some(table) => (table.values, Vec::new()),
             None => return Ok(None),
         },
         _ => return Ok(None),
     };
     let options = &params.spec.label;
-    let regions: Vec<KnownRegion> = (labels.iter().zip(0..))
-        .map(|(&label, region)| KnownRegion {
-            region,
-            label: Some(label),
-            name: (options.iter().find(|o| o.label == label)).and_then(|o| o.name.clone()),
-        })
-        .collect();
+    let name_of = |(number, label): (usize, &LabelValue)| {
+        let given = options.iter().find(|options| options.label == *label);
+        given
+            .and_then(|options| options.name.clone())
+            .or_else(|| names.get(number).cloned())
+    };
+    let names: Vec<Option<String>> = labels.iter().enumerate().map(name_of).collect();
+    let regions = KnownRegion::of_labels(&labels, &names);
     let kept = choice.kept_regions(&regions, PLACE)?;
     let max = params.spacing().max();
     let shortest = box_extent.into_iter().fold(f64::INFINITY, f64::min);
@@ -76,15 +85,11 @@ pub(super) fn with_coarse_cells<const D: usize>(
 
 /// Returns the regions that labels become.
 fn known_regions<const D: usize>(labels: &LabelMap<D>) -> Vec<KnownRegion> {
-    let named = labels.labels.iter().zip(&labels.names);
-    named
-        .zip(labels.regions())
-        .map(|((&label, name), region)| KnownRegion {
-            region,
-            label: Some(label),
-            name: name.clone(),
-        })
-        .collect()
+    let mut known = KnownRegion::of_labels(&labels.labels, &labels.names);
+    for (known, region) in known.iter_mut().zip(labels.regions()) {
+        known.region = region;
+    }
+    known
 }
 
 /// Checks, before the mesh is made, that the options name labels that the image has.

@@ -333,14 +333,8 @@ pub(super) fn certificate<const D: usize>(
         options.name.clone()
     };
     let names: Vec<Option<String>> = judged.table.values.iter().map(name_of).collect();
-    let known: Vec<KnownRegion> = (judged.table.values.iter().zip(&names).zip(0..))
-        .map(|((&label, name), region)| KnownRegion {
-            region,
-            label: Some(label),
-            name: name.clone(),
-        })
-        .collect();
-    // Names that are none were refused before.
+    let known = KnownRegion::of_labels(&judged.table.values, &names);
+    // Names of no label were refused before.
     let kept = choice.kept_regions(&known, "the image");
     let kept = kept.unwrap_or_else(|_| vec![true; known.len()]);
     let dropped = dropped_parts(&judged.components, &kept, choice.keep_largest);

@@ -83,6 +83,17 @@ impl KnownRegion {
         labels.chain(named).collect()
     }
 
+    /// Returns the regions of labels that have these names or none, numbered in their order.
+    pub fn of_labels(labels: &[LabelValue], names: &[Option<String>]) -> Vec<Self> {
+        let named = labels.iter().zip(names);
+        let numbered = named.zip(0..).map(|((&label, name), region)| Self {
+            region,
+            label: Some(label),
+            name: name.clone(),
+        });
+        numbered.collect()
+    }
+
     /// Returns the name of a region, or else the value of its label or its number.
     pub fn label_of(known: &[Self], region: i32) -> String {
         match known.iter().find(|known| known.region == region) {

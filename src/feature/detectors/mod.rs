@@ -45,7 +45,7 @@ pub(crate) mod paths;
 pub(crate) mod potential;
 pub(crate) mod ridges;
 mod selection;
-mod value_regions;
+pub(crate) mod value_regions;
 
 pub(super) use input::DetectorInput;
 pub(super) use output::{DetectorOutput, Thresholds};

@@ -24,8 +24,9 @@ const SPLIT_FRACTIONS: [f64; 3] = [0.5, 0.35, 0.65];
 const MIN_SPLIT_ANGLE: f64 = 20.0;
 /// Rounds in which the new nodes move to enlarge the smallest angle.
 const SMOOTHING_ROUNDS: usize = 12;
-/// Length of the first of these moves, as a share of the shortest edge around, and its decrease in each round.
+/// Length of the moves of the first round, as a share of the shortest edge around.
 const SMOOTHING_STEP: f64 = 0.3;
+/// Factor by which moves become shorter from round to round.
 const SMOOTHING_DECAY: f64 = 0.75;
 
 /// A mesh of parts whose pinched nodes are opened.

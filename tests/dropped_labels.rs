@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::common::{expect_refusal, is_close, run, write_npy, write_npy_2d};
+use crate::common::{expect_refusal, is_close, run, write_npy, write_npy_2d, write_npy_u64};
 use atomesh::mesh::Mesh;
 use atomesh::store::{FieldValue, TakeCells, read_any_vtu, take_cells};
 use atomesh::with_mesh;
@@ -349,6 +349,93 @@ fn labels_that_are_left_out_are_not_judged() {
                 let error = part["volume_error_percent"].as_f64().unwrap();
                 assert!(error.abs() < 0.5, "{options}: {part}");
             }
+        }
+    }
+}
+
+#[test]
+fn quality_judges_a_mesh_by_the_image_as_the_job_did() {
+    let folder = folder();
+    let path = folder.path();
+    write_npy(&path.join("m3.npy"), DIMS, |[x, y, _]| {
+        f32::from(x > 4 && y < 20)
+    });
+    write_npy_2d(&path.join("m2.npy"), [40, 30], |[x, _]| f32::from(x > 7));
+    for (image, options) in [
+        ("l3", ""),
+        ("l3", "--drop 0"),
+        ("l3", "--keep 3 --keep-largest"),
+        ("l3", "--cover voxels"),
+        ("l3", "--cover voxels --drop 0"),
+        ("l3", "--min-part 300"),
+        ("l3", "--label 3:into=1"),
+        ("l3", "--crop i=2:28"),
+        ("l3", "--inside m3.npy"),
+        ("l3", "--inside m3.npy --crop j=0:21 --drop 0"),
+        ("l3", "--inside m3.npy --cells voronoi"),
+        ("l3", "--cells voronoi --drop 0"),
+        ("l2", "--drop 0"),
+        ("l2", "--cover voxels"),
+        ("l2", "--inside m2.npy"),
+        ("l2", "--inside m2.npy --cells voronoi"),
+    ] {
+        let mesh = format!("mesh {image}.npy -o q.vtu --feature labels --distance 4 {options}");
+        let quality = format!("quality q.vtu --labels {image}.npy");
+        let [made, judged] = [mesh, quality].map(|line| json(path, &line)["certificate"].clone());
+        assert_eq!(made["parts"], judged["parts"], "{image} {options}");
+        let [made, judged] = [&made, &judged].map(|c| c["part_reports"].as_array().unwrap());
+        for (a, b) in made.iter().zip(judged) {
+            for figure in [
+                "/label",
+                "/samples",
+                "/mesh_euler",
+                "/volume",
+                "/dice",
+                "/boundary/mean",
+                "/boundary/within_one",
+                "/faces/mean",
+                "/faces/worst",
+            ] {
+                let [a, b] = [a, b].map(|part| part.pointer(figure).and_then(Value::as_f64));
+                let is_same = match (a, b) {
+                    (Some(a), Some(b)) => (a - b).abs() <= 1e-4 * a.abs().max(1.0),
+                    _ => a == b,
+                };
+                assert!(is_same, "{image} {options}: {figure} {a:?} {b:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn what_lies_outside_of_a_mask_has_no_cells() {
+    let folder = folder();
+    let path = folder.path();
+    // Also as integers that 32-bit floats round.
+    write_npy(&path.join("m3.npy"), DIMS, |[x, y, _]| {
+        f32::from(x > 4 && y < 20)
+    });
+    let large = |at: [usize; 3]| (1u64 << 40) + label(at) as u64;
+    write_npy_u64(&path.join("large.npy"), DIMS, large);
+    for (image, offset) in [("l3", 0), ("large", 1u64 << 40)] {
+        for cells in ["tets", "voronoi"] {
+            let line =
+                format!("mesh {image}.npy -o in.vtu --inside m3.npy --feature labels --distance 4");
+            run(path, &format!("{line} --cells {cells} --quiet"));
+            let (volume, boundary, regions) = content(&path.join("in.vtu"));
+            assert_eq!(regions.len(), 3, "{image} {cells}");
+            // The outline lies halfway between samples.
+            let expected = 25.5 * 19.5 * 20.0;
+            let tolerance = if cells == "tets" { 2e-3 } else { 2e-2 };
+            assert!(
+                (volume / expected - 1.0).abs() < tolerance,
+                "{image} {cells}: {volume}, not {expected}"
+            );
+            let outlines: Vec<String> = [0, 1]
+                .iter()
+                .map(|value| format!("interface_{}_outside", offset + value))
+                .collect();
+            assert_eq!(boundary, outlines, "{image} {cells}");
         }
     }
 }

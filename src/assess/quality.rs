@@ -5,12 +5,16 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::error::cause;
+use crate::feature::FeatureKind;
 use crate::feature::components::Components;
+use crate::feature::detectors::labels::absorb_parts_below;
 use crate::feature::label_map::{self, LabelOptions, merge_labels};
 use crate::files::output::check_output;
 use crate::image::formats::{InputOptions, ReadImage};
 use crate::image::synth::Truth;
 use crate::image::{Geometry, Image, LabelTable, LabelValue};
+use crate::job::cell_choice::outside_options;
+use crate::job::cover::{self, Cover};
 use crate::job::output::geometry_of_other_shapes;
 use crate::job::simplices::cell_neighbours;
 use crate::job::{cells, scaled_mesh, write_lines};
@@ -25,7 +29,7 @@ use crate::report::angles::mean_edge_lengths;
 use crate::report::certificate::{CertifiedImage, LabelledCells, certify, dropped_parts};
 use crate::report::{self, AngleAssessment, Certificate, Quality, Reference, Report};
 use crate::store::MeshInput;
-use crate::store::input::{image_part, read_mesh_image};
+use crate::store::input::{ImageInput, image_part, read_mesh_image};
 use crate::store::{FieldValue, LatticeSpace, MeshFile, Storable, StoredMesh, with_mesh};
 use crate::{Error, Result};
 
@@ -44,6 +48,9 @@ pub struct QualitySpec {
     /// 30 degrees, with their angles
     #[arg(long, value_name = "LINES.vtp")]
     pub lines: Option<PathBuf>,
+    /// Options for reading the image of labels; those that are not given are those of the mesh.
+    #[command(flatten, next_help_heading = "Reading the image of --labels")]
+    pub input: InputOptions,
 }
 
 impl QualitySpec {
@@ -130,6 +137,8 @@ pub fn quality<'a>(
 /// An image of labels, and the index of the label of each cell of a mesh.
 struct LabelsOfMesh<const D: usize> {
     geometry: Geometry<D>,
+    /// The numbers of samples of the image that was padded, if the mesh covers its voxels.
+    voxels: Option<[usize; D]>,
     table: LabelTable,
     components: Components<D>,
     names: Vec<Option<String>>,
@@ -175,7 +184,12 @@ impl<const D: usize> LabelsOfMesh<D> {
     /// Returns the position in the image of a position in lattice space.
     fn index_of(&self, space: &LatticeSpace<D>, x: &[f64; D]) -> [f64; D] {
         let index = self.geometry.to_index(space.to_world(*x));
-        index.unwrap_or_else(|| std::array::from_fn(|k| x[k] / space.step[k]))
+        let index = index.unwrap_or_else(|| std::array::from_fn(|k| x[k] / space.step[k]));
+        match self.voxels {
+            // The padded image starts a sample before the image.
+            Some(dims) => cover::padded_index(index.map(|i| i - 1.0), dims),
+            None => index,
+        }
     }
 }
 
@@ -187,6 +201,10 @@ struct RecordedOptions {
     drop: Option<RegionNames>,
     keep: Option<RegionNames>,
     keep_largest: bool,
+    min_part: usize,
+    cover: Cover,
+    feature: Option<FeatureKind>,
+    input: InputOptions,
 }
 
 impl RecordedOptions {
@@ -204,6 +222,16 @@ impl RecordedOptions {
         labels
             .filter_map(|text| LabelOptions::parse(text).ok())
             .collect()
+    }
+
+    /// Returns the image in which samples outside the outline that the mesh keeps have a label of their own, and
+    /// this label.
+    fn with_outside_label<const D: usize>(
+        &self,
+        image: &Image<D>,
+    ) -> Option<(Image<D>, LabelValue)> {
+        let keeps_outline = self.input.inside.is_some() && self.feature != Some(FeatureKind::Isosurface);
+        keeps_outline.then(|| image.with_outside_label()).flatten()
     }
 
     /// Returns which labels the mesh keeps. If the record uses names that are not known here, these are the
@@ -233,6 +261,30 @@ impl RecordedOptions {
 }
 
 impl QualitySpec {
+    /// Reads the image of a mesh with the options that the mesh records, unless others are given. For a mesh of
+    /// voxels, the image is padded, and its own numbers of samples are returned.
+    fn read_image<const D: usize>(
+        &self,
+        path: &Path,
+        recorded: &RecordedOptions,
+        space: &LatticeSpace<D>,
+        read_image: ReadImage<'_>,
+    ) -> Result<(Image<D>, Option<[usize; D]>)> {
+        let input = self.input.with_fallback(&recorded.input);
+        if recorded.cover == Cover::Samples {
+            return Ok((read_mesh_image(path, &input, space, read_image)?, None));
+        }
+        let name = &path.display().to_string();
+        let image = ImageInput {
+            image: read_image(path, &input)?,
+            name,
+            sha256: None,
+        };
+        let image: Image<D> = image.checked()?;
+        space.check_image(&image.geometry, image.dims().map(|n| n + 1), name)?;
+        Ok((cover::padded(&image), Some(image.dims())))
+    }
+
     /// Reads the image of labels of a mesh, if it is given.
     fn read_labels<const D: usize, M: Storable<D>>(
         &self,
@@ -250,20 +302,28 @@ impl QualitySpec {
             let problem = format!("has nothing to be compared with: {name} has no regions");
             return refuse(problem, "give a mesh of labels");
         };
-        let image: Image<D> =
-            read_mesh_image(path, &InputOptions::default(), &stored.space, read_image)?;
-        // The mesh was made of this image: labels merged, and those of missing samples filled in.
         let recorded = RecordedOptions::of_file(&stored.arrays);
-        let options = recorded.labels();
+        let mut options = recorded.labels();
+        // The mesh was made of this image: labels merged, small parts absorbed, and samples without data filled in.
+        let (mut image, voxels) = self.read_image(path, &recorded, &stored.space, read_image)?;
+        let outside = recorded.with_outside_label(&image).map(|(filled, label)| {
+            options.push(outside_options(label));
+            image = filled;
+            label
+        });
         let image = merge_labels(&image, &options)?.unwrap_or(image);
         let image = match image.mark_dead(false)? {
             Some(marked) => marked.image.filled_from_nearest(),
             None => image,
         };
-        let Some((table, components)) = label_map::components(&image) else {
+        let Some((mut table, mut components)) = label_map::components(&image) else {
             let problem = "has too many different values to be labels".to_string();
             return refuse(problem, "give the image of labels that was meshed");
         };
+        if recorded.min_part > 1 {
+            absorb_parts_below(image.dims(), &mut table.indices, recorded.min_part);
+            components = Components::from_labels(image.dims(), &table.indices);
+        }
         let region_of_label = label_map::regions(&table.values);
         let mut label_of_region: Vec<(i32, u32)> = region_of_label.into_iter().zip(0..).collect();
         label_of_region.sort_unstable();
@@ -284,9 +344,14 @@ impl QualitySpec {
                 .clone()
         };
         let names: Vec<Option<String>> = table.values.iter().map(name_of).collect();
-        let kept = recorded.kept_labels(&table.values, &names, &cells);
+        let mut kept = recorded.kept_labels(&table.values, &names, &cells);
+        let labels = table.values.iter().zip(&mut kept);
+        labels
+            .filter(|(label, _)| Some(**label) == outside)
+            .for_each(|(_, kept)| *kept = false);
         Ok(Some(LabelsOfMesh {
             geometry: image.geometry.clone(),
+            voxels,
             dropped: dropped_parts(&components, &kept, recorded.keep_largest),
             names,
             table,

@@ -324,6 +324,46 @@ impl LabelTable {
     }
 }
 
+impl<const D: usize> Image<D> {
+    /// Returns an image of labels in which the samples without data have a label of their own, and this
+    /// label: a whole number above the largest, or below the smallest if there is none above. Returns `None` if
+    /// all samples hold data, or none does.
+    pub(crate) fn with_outside_label(&self) -> Option<(Self, LabelValue)> {
+        let samples = self.as_slice();
+        let finite = || samples.iter().copied().filter(|s| s.is_finite());
+        let [low, high] = [finite().reduce(f32::min)?, finite().reduce(f32::max)?];
+        if finite().count() == samples.len() {
+            return None;
+        }
+        let outside = match high.ceil() + 1.0 {
+            above if above > high => above,
+            _ => low.floor() - 1.0,
+        };
+        let filled = samples
+            .iter()
+            .map(|&s| if s.is_finite() { s } else { outside });
+        let mut image = Self::new(self.dims(), filled.collect(), self.geometry.clone());
+        image.label_names.clone_from(&self.label_names);
+        let Some(exact) = &self.labels else {
+            return Some((image, LabelValue::from_sample(outside)));
+        };
+        let value = |(sample, &index): (&f32, &u32)| {
+            sample.is_finite().then(|| exact.values[index as usize])
+        };
+        let values = || samples.iter().zip(&exact.indices).map(value);
+        let [low, high] = [values().flatten().min()?, values().flatten().max()?];
+        let outside = if high < i128::from(i64::MAX) {
+            high + 1
+        } else {
+            low - 1
+        };
+        image.labels = Some(ExactLabels::from_integers(
+            values().map(|v| v.unwrap_or(outside)),
+        ));
+        Some((image, LabelValue::Whole(outside)))
+    }
+}
+
 /// Returns the whole number that a sample equals up to rounding, or else the sample.
 fn without_rounding_error(sample: f32) -> f32 {
     let whole = sample.round();

@@ -15,6 +15,7 @@
 //! - `snap`: snaps atoms near features onto them
 //! - `intersect`: finds where edges pass through features
 //! - `seal`: adds the faces that close holes in feature surfaces
+//! - `angle_moves`: moves of single nodes that enlarge the smallest angles
 //! - `node_moves`: moves of nodes that fit the faces around them to a surface
 //! - `feature_fit`: moves nodes on features so that faces lie on the features on average
 //! - `regions`: assigns the image's labels to cells, and fits faces to the interfaces between
@@ -35,6 +36,7 @@ pub mod regions;
 pub(crate) mod tets;
 pub(crate) mod triangles;
 
+mod angle_moves;
 mod improve_report;
 mod intersect;
 mod node_moves;
@@ -44,6 +46,7 @@ mod seal;
 mod snap;
 mod target;
 
+pub(crate) use angle_moves::enlarge_angles;
 pub use feature_fit::{FeatureFit, fit_feature_faces};
 pub use improve_report::{BlockedCell, ImproveReport, OperationCounts};
 pub use reshape::{Reshape, ReshapeError, ReshapeRequest, ReshapeResult};

@@ -52,7 +52,7 @@ const MIN_DISTANCE: f64 = 0.7;
 const SIGMA: [f64; 2] = [0.7, 0.5];
 
 /// Lengths over which the boundaries of labels are smoothed that are tried, in samples.
-const LABEL_SMOOTHING: [f64; 2] = [0.25, 1.0];
+const LABEL_SMOOTHING: [f64; 2] = [0.5, 1.0];
 
 /// An option that may help.
 struct Candidate {

@@ -4,8 +4,10 @@ use super::spec::MeshSpec;
 use super::{AnnotatedMesh, MeshResult, Params};
 use crate::Result;
 use crate::error::{Error, cause};
-use crate::feature::{FeatureKind, Features, LabelMap, LabelOptions, region_names, region_values};
-use crate::image::{ImageSource, LabelTable, LabelValue};
+use crate::feature::{
+    self, FeatureKind, Features, LabelMap, LabelOptions, region_names, region_values,
+};
+use crate::image::{Image, ImageSource, LabelTable, LabelValue};
 use crate::lattice::distance::Distance;
 use crate::mesh::Simplices;
 use crate::mesh_file::{ChosenCells, KnownRegion, TakeCells};
@@ -16,6 +18,8 @@ use crate::report::{self, Quality, RegionSummary, Report};
 const COARSE_RATIO: f64 = 4.0;
 /// Largest distance between atoms, as a share of the shortest side of the box.
 const MAX_SHARE_OF_SIDE: f64 = 0.5;
+/// Name of the label of samples outside the outline of `--inside`.
+const OUTSIDE: &str = "outside";
 /// Name of the image in errors.
 const PLACE: &str = "the image";
 
@@ -81,6 +85,49 @@ pub(super) fn with_coarse_cells<const D: usize>(
         }
     }
     Ok(Some(params))
+}
+
+/// Returns the options of the label of samples outside the outline of `--inside`.
+pub(crate) fn outside_options(label: LabelValue) -> LabelOptions {
+    LabelOptions {
+        label,
+        distance: None,
+        unit: None,
+        name: Some(OUTSIDE.into()),
+        merge_into: None,
+    }
+}
+
+/// Returns an image of labels whose samples outside the outline of `--inside` have a label of their own, with
+/// parameters that leave this label out; `None` if there is no outline, or the features are no labels.
+///
+/// # Errors
+/// Returns the errors of loading the image.
+pub(super) fn without_outside<const D: usize>(
+    params: &Params<D>,
+    source: ImageSource<'_, D>,
+) -> Result<Option<(Image<D>, Params<D>)>> {
+    let spec = &params.spec;
+    let may_be_labels = matches!(spec.feature, FeatureKind::Labels | FeatureKind::Auto);
+    if spec.input.inside.is_none() || !may_be_labels {
+        return Ok(None);
+    }
+    let image = source.to_image()?;
+    if feature::fills_gaps(&image, spec.feature, params.modality) {
+        return Ok(None);
+    }
+    let Some((image, outside)) = image.with_outside_label() else {
+        return Ok(None);
+    };
+    let mut params = params.clone();
+    params.spec.label.push(outside_options(outside));
+    if params.spec.keep.is_none() {
+        let drop = params.spec.drop.get_or_insert_default();
+        drop.0.push(outside.to_string());
+    }
+    params.spec = params.spec.resolved();
+    params.spec.validate()?;
+    Ok(Some((image, params)))
 }
 
 /// Returns the regions that labels become.

@@ -15,11 +15,14 @@ use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 use super::cell_choice::quality_of_kept;
-use super::{MeshResult, Outcome, Params, Weight};
+use super::spec::MeshSpec;
+use super::{AnnotatedMesh, MeshResult, Outcome, Params, Weight};
 use crate::Result;
-use crate::feature::{LabelOptions, label_map};
-use crate::geometry::add_scaled;
+use crate::feature::label_map;
+use crate::geometry::{add_scaled, distance2, sorted_distinct};
 use crate::image::{ExactLabels, Image, LabelTable};
+use crate::improve::enlarge_angles;
+use crate::lattice::AtomKind;
 use crate::mesh::Simplices;
 use crate::mesh::check::{BOX_TOLERANCE, check};
 use crate::report::{self, RegionSummary};
@@ -36,7 +39,7 @@ pub enum Cover {
 }
 
 /// Returns an image with a copy of its outermost samples at every side.
-pub(super) fn padded<const D: usize>(image: &Image<D>) -> Image<D> {
+pub(crate) fn padded<const D: usize>(image: &Image<D>) -> Image<D> {
     let dims = image.dims();
     let padded_dims = dims.map(|n| n + 2);
     let count: usize = padded_dims.iter().product();
@@ -74,6 +77,19 @@ pub(super) fn padded<const D: usize>(image: &Image<D>) -> Image<D> {
     result.with_dead(source.iter().map(is_dead).collect())
 }
 
+/// Returns the position in the padded image of a position in an image with these numbers of samples: the inverse
+/// of how the mesh is squeezed.
+pub(crate) fn padded_index<const D: usize>(index: [f64; D], dims: [usize; D]) -> [f64; D] {
+    std::array::from_fn(|k| {
+        let last = dims[k] as f64 - 1.0;
+        match index[k] {
+            x if x < 0.0 => 2.0 * x + 1.0,
+            x if x > last => 2.0 * (x - last) + last + 1.0,
+            x => x + 1.0,
+        }
+    })
+}
+
 /// Returns the parameters for the padded image: images of distances and weights are padded, too.
 pub(super) fn padded_params<const D: usize>(params: &Params<D>) -> Params<D> {
     let mut params = params.clone();
@@ -90,7 +106,7 @@ pub(super) fn padded_params<const D: usize>(params: &Params<D>) -> Params<D> {
 pub(super) fn squeeze<const D: usize, M: Simplices<D>>(
     outcome: &mut Outcome<D, M>,
     image: &Image<D>,
-    labels: &[LabelOptions],
+    spec: &MeshSpec,
 ) -> Result<()> {
     let MeshResult::Simplices(annotated) = &mut outcome.mesh else {
         return Ok(());
@@ -113,6 +129,7 @@ pub(super) fn squeeze<const D: usize, M: Simplices<D>>(
             };
         }
     }
+    enlarge_squeezed_angles(annotated, extent, spec.min_angle());
     outcome.extent = extent;
     outcome.feature_offset = step.map(|s| 0.5 * s);
     outcome.geometry = image.geometry.clone();
@@ -137,7 +154,7 @@ pub(super) fn squeeze<const D: usize, M: Simplices<D>>(
     let world = image.geometry.determinant().abs();
     let cell_scale = world / step.iter().product::<f64>();
     if let Some(regions) = &mut outcome.report.regions {
-        let merged = label_map::merge_labels(image, labels)?;
+        let merged = label_map::merge_labels(image, &spec.label)?;
         let table = LabelTable::from_image(merged.as_ref().unwrap_or(image));
         let volumes = mesh.volumes();
         let cells = annotated
@@ -147,6 +164,39 @@ pub(super) fn squeeze<const D: usize, M: Simplices<D>>(
         count_whole_voxels(regions, table.as_ref(), cells, world);
     }
     Ok(())
+}
+
+/// Moves nodes of cells that were squeezed below an angle, in degrees, so that their angles become larger. Nodes
+/// on features stay.
+fn enlarge_squeezed_angles<const D: usize, M: Simplices<D>>(
+    annotated: &mut AnnotatedMesh<M>,
+    extent: [f64; D],
+    min_angle: f64,
+) {
+    let (mesh, kinds) = (&annotated.mesh, &annotated.node_kinds);
+    let is_fixed = |n: u32| matches!(kinds[n as usize], AtomKind::Corner | AtomKind::Fixed);
+    let mut may_move: Vec<bool> = (0..mesh.nodes().len() as u32)
+        .map(|n| !is_fixed(n))
+        .collect();
+    for (c, marks) in annotated.feature_faces.iter().enumerate() {
+        for k in (0..=D).filter(|k| marks >> k & 1 == 1) {
+            (mesh.face(c, k).iter()).for_each(|&n| may_move[n as usize] = false);
+        }
+    }
+    let min_sine = min_angle.to_radians().sin();
+    let at = |n: u32| &mesh.nodes()[n as usize];
+    let (mut moving, mut shortest) = (Vec::new(), f64::INFINITY);
+    for c in (0..mesh.len()).filter(|&c| mesh.min_sine(c) < min_sine) {
+        let cell = mesh.cell(c);
+        moving.extend(cell.iter().copied().filter(|&n| may_move[n as usize]));
+        for (i, &a) in cell.iter().enumerate() {
+            let others = cell[i + 1..].iter();
+            let squares = others.map(|&b| distance2(at(a), at(b)));
+            shortest = squares.fold(shortest, |least, square| least.min(square.sqrt()));
+        }
+    }
+    let moving = sorted_distinct(moving);
+    enlarge_angles(&mut annotated.mesh, &moving, shortest, extent);
 }
 
 /// Counts all samples in full in the report on regions. `cells` has the region and the volume of each cell,

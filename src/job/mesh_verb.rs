@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::cell_choice::{check_choice, choose_cells, with_coarse_cells};
+use super::cell_choice::{check_choice, choose_cells, with_coarse_cells, without_outside};
 use super::cover::{self, Cover};
 use super::distributed::MakePartition;
 use super::given_surfaces::SurfacesInImage;
@@ -249,7 +249,7 @@ where
     let padded_source = ImageSource::InMemory(&padded_image);
     let padded_params = cover::padded_params(params);
     let mut outcome = run_stages(padded_source, &padded_params, run_options, progress)?;
-    cover::squeeze(&mut outcome, &image, &params.spec.label)?;
+    cover::squeeze(&mut outcome, &image, &params.spec)?;
     Ok(outcome)
 }
 
@@ -267,6 +267,11 @@ where
     let comm = run_options.comm;
     params.spec.validate()?;
     let params = &*params.with_label_names(source)?;
+    let restricted = without_outside(params, source)?;
+    let (source, params) = match &restricted {
+        Some((image, params)) => (ImageSource::InMemory(image), params),
+        None => (source, params),
+    };
     let is_partitioned = run_options.may_partition && can_be_partitioned(params, comm);
     let for_job = |checkpoint: &Checkpoint| checkpoint.for_job(source, params, comm);
     let checkpoint = run_options.checkpoint.map(for_job).transpose()?;

@@ -40,10 +40,10 @@
 mod advice;
 pub(crate) mod atom_file;
 mod canny;
-mod cell_choice;
+pub(crate) mod cell_choice;
 pub(crate) mod cells;
 mod checkpoint;
-mod cover;
+pub(crate) mod cover;
 mod depth;
 mod distributed;
 mod equalise;

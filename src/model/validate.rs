@@ -99,7 +99,7 @@ fn atomesh_verdict<const D: usize, M: Storable<D>>(stored: &StoredMesh<D, M>) ->
     let check = check_with_hints(&stored.lattice, hints, low, high, tolerance);
     let box_name = match &stored.outer {
         Some(outer) => format!(
-            "{:.4} of the box, within {} faces where cells were left out,",
+            "{:.4} of the box, within {} faces where cells were left out",
             outer.filled_share,
             outer.faces.len()
         ),

@@ -536,10 +536,13 @@ impl Report {
     }
 
     /// Returns the deviation, in samples, of interfaces from the places where labels change, if it
-    /// is too large.
+    /// is too large: from the boundary between samples if the mesh is judged by them.
     pub(super) fn interface_deviation(&self) -> Option<f64> {
         self.regions.as_ref()?;
-        let farthest = self.fidelity.as_ref()?.tagged_faces.as_ref()?.hausdorff;
+        let farthest = match &self.certificate {
+            Some(certificate) => certificate.faces.as_ref()?.worst,
+            None => self.fidelity.as_ref()?.tagged_faces.as_ref()?.hausdorff,
+        };
         (farthest.is_finite() && farthest > MAX_INTERFACE_DEVIATION).then_some(farthest)
     }
 

@@ -90,8 +90,20 @@ pub fn write_npy_2d(path: &Path, [nx, ny]: [usize; 2], mut value: impl FnMut([us
     write_npy_samples(path, &format!("{ny}, {nx}"), samples);
 }
 
+/// Writes a NumPy file of unsigned 64-bit integers, shape `(nz, ny, nx)`.
+pub fn write_npy_u64(path: &Path, dims: [usize; 3], mut value: impl FnMut([usize; 3]) -> u64) {
+    let [nx, ny, nz] = dims;
+    let values = (0..nx * ny * nz).map(|i| value([i % nx, i / nx % ny, i / (nx * ny)]));
+    let samples = values.flat_map(u64::to_le_bytes);
+    write_npy_bytes(path, "<u8", &format!("{nz}, {ny}, {nx}"), samples);
+}
+
 fn write_npy_samples(path: &Path, shape: &str, samples: impl Iterator<Item = f32>) {
-    let mut header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({shape}), }}");
+    write_npy_bytes(path, "<f4", shape, samples.flat_map(f32::to_le_bytes));
+}
+
+fn write_npy_bytes(path: &Path, kind: &str, shape: &str, samples: impl Iterator<Item = u8>) {
+    let mut header = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({shape}), }}");
     while (10 + header.len() + 1) % 64 != 0 {
         header.push(' ');
     }
@@ -99,7 +111,7 @@ fn write_npy_samples(path: &Path, shape: &str, samples: impl Iterator<Item = f32
     let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
     bytes.extend((header.len() as u16).to_le_bytes());
     bytes.extend(header.as_bytes());
-    samples.for_each(|sample| bytes.extend(sample.to_le_bytes()));
+    bytes.extend(samples);
     std::fs::write(path, bytes).unwrap();
 }
 

@@ -20,6 +20,7 @@ mod pinches;
 mod topology;
 
 pub use anchors::AnchoredNodes;
+pub(super) use assign::directions;
 pub use assign::{SamplePoints, Votes, assign_labels, interface_marks};
 pub use fit::{InterfaceFit, fit, remove_spikes};
 pub use parts::LabelParts;

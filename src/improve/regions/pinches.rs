@@ -4,10 +4,10 @@
 //! cells around it are split, and the cells between the node and the new nodes take the part on their other
 //! side. Nodes of one edge or face that are pinched are treated together.
 
-use super::assign::directions;
 use super::parts::LabelParts;
 use super::topology::PartTopology;
-use crate::geometry::{add_scaled, distance2, sorted_distinct};
+use crate::geometry::{distance2, sorted_distinct};
+use crate::improve::enlarge_angles;
 use crate::lattice::AtomKind;
 use crate::lattice::seeding::kind_at;
 use crate::mesh::Simplices;
@@ -22,13 +22,6 @@ const MAX_CLUSTER: usize = 12;
 const SPLIT_FRACTIONS: [f64; 3] = [0.5, 0.35, 0.65];
 /// Smallest angle of the new cells, in degrees, unless the cells around have a smaller one.
 const MIN_SPLIT_ANGLE: f64 = 20.0;
-/// Rounds in which the new nodes move to enlarge the smallest angle.
-const SMOOTHING_ROUNDS: usize = 12;
-/// Length of the moves of the first round, as a share of the shortest edge around.
-const SMOOTHING_STEP: f64 = 0.3;
-/// Factor by which moves become shorter from round to round.
-const SMOOTHING_DECAY: f64 = 0.75;
-
 /// A mesh of parts whose pinched nodes are opened.
 pub struct PinchedMesh<'a, const D: usize, M> {
     /// The mesh.
@@ -392,60 +385,20 @@ impl<const D: usize, M: Simplices<D>> Patch<D, M> {
         }
     }
 
-    /// Moves nodes so that the smallest angle around each becomes larger. Nodes in sides of the box and on faces
-    /// with names stay in them.
+    /// Moves nodes so that the smallest angle around each becomes larger. Nodes on faces with names stay.
     fn enlarge_angles(&mut self, moving: &[u32], shortest: f64, extent: [f64; D]) {
-        let mut stars = vec![Vec::new(); self.mesh.nodes().len()];
         let mut is_named = vec![false; self.mesh.nodes().len()];
-        for c in 0..self.mesh.len() {
-            self.mesh
-                .cell(c)
-                .iter()
-                .for_each(|&n| stars[n as usize].push(c));
-        }
-        for (face, _) in self
-            .names
-            .iter()
-            .enumerate()
-            .filter(|(_, name)| **name != NONE)
-        {
+        let named = (self.names.iter().enumerate()).filter(|(_, name)| **name != NONE);
+        for (face, _) in named {
             let face = self.mesh.face(face / (D + 1), face % (D + 1));
             face.iter().for_each(|&n| is_named[n as usize] = true);
         }
-        let directions = directions::<D>();
-        let mut step = SMOOTHING_STEP * shortest;
-        for _ in 0..SMOOTHING_ROUNDS {
-            for &n in moving {
-                let n = n as usize;
-                if is_named[n] || matches!(self.kinds[n], AtomKind::Corner | AtomKind::Fixed) {
-                    continue;
-                }
-                let star_sine = |mesh: &M| {
-                    let sines = stars[n].iter().map(|&c| mesh.min_sine(c));
-                    sines.fold(f64::INFINITY, f64::min)
-                };
-                let x = self.mesh.nodes()[n];
-                let (mut best, mut position) = (star_sine(&self.mesh), x);
-                for &direction in &directions {
-                    let mut trial = add_scaled(x, step, direction);
-                    for k in 0..D {
-                        let is_on_side = x[k] <= 0.0 || x[k] >= extent[k];
-                        trial[k] = if is_on_side {
-                            x[k]
-                        } else {
-                            trial[k].clamp(0.0, extent[k])
-                        };
-                    }
-                    self.mesh.parts_mut().0[n] = trial;
-                    let sine = star_sine(&self.mesh);
-                    if sine > best {
-                        (best, position) = (sine, trial);
-                    }
-                }
-                self.mesh.parts_mut().0[n] = position;
-            }
-            step *= SMOOTHING_DECAY;
-        }
+        let is_fixed = |n: usize| matches!(self.kinds[n], AtomKind::Corner | AtomKind::Fixed);
+        let movable = moving.iter().copied();
+        let movable: Vec<u32> = movable
+            .filter(|&n| !is_named[n as usize] && !is_fixed(n as usize))
+            .collect();
+        enlarge_angles(&mut self.mesh, &movable, shortest, extent);
     }
 }
 

@@ -26,12 +26,18 @@ pub struct PartFacet<const D: usize> {
     pub nodes: [u32; D],
     /// Parts on its two sides; `NONE` outside the mesh, and for cells without a part.
     pub parts: [u32; 2],
-    /// Labels on its two sides; `NONE` outside the mesh.
+    /// Labels on its two sides; `NONE` beyond a side of the box, and [`DROPPED`] where cells were left out.
     pub labels: [u32; 2],
 }
 
+/// Stands for the labels of cells that were left out.
+const DROPPED: u32 = NONE - 1;
+
+/// Distance from a side of the box within which a node lies on it, in samples: positions in files are rounded.
+const SIDE_TOLERANCE: f64 = 1e-3;
+
 impl<const D: usize> PartFacet<D> {
-    /// Returns `true` if the facet lies between cells of different labels.
+    /// Returns `true` if the facet lies between cells of different labels, or where cells were left out.
     pub fn is_interface(&self) -> bool {
         self.labels[1] != NONE && self.labels[0] != self.labels[1]
     }
@@ -41,7 +47,7 @@ impl<const D: usize> MeshParts<D> {
     /// Finds the parts of a mesh.
     pub fn new(cells: &LabelledCells<'_, D>, voxels: &VoxelParts<'_, D>) -> Self {
         let part_of_cell = parts_of_cells(cells, voxels);
-        let facets = facets_between(cells, &part_of_cell);
+        let facets = facets_between(cells, &part_of_cell, voxels.components.dims);
         Self {
             part_of_cell,
             facets,
@@ -139,10 +145,20 @@ fn parts_of_cells<const D: usize>(
     parts
 }
 
+/// Returns the facets between parts and on the boundary of the mesh, in a box with these numbers of samples.
 fn facets_between<const D: usize>(
     cells: &LabelledCells<'_, D>,
     part_of_cell: &[u32],
+    dims: [usize; D],
 ) -> Vec<PartFacet<D>> {
+    let is_on_side = |nodes: [u32; D]| {
+        (0..D).any(|k| {
+            [0.0, dims[k] as f64 - 1.0].into_iter().any(|side| {
+                let is_near = |node: u32| (cells.position(node)[k] - side).abs() < SIDE_TOLERANCE;
+                nodes.into_iter().all(is_near)
+            })
+        })
+    };
     map_faces(cells, |face, pair, facets| {
         let of_side = |values: &[u32]| {
             pair.map(|cell| {
@@ -156,11 +172,12 @@ fn facets_between<const D: usize>(
         let (parts, labels) = (of_side(part_of_cell), of_side(cells.labels));
         if pair[1] == NONE || parts[0] != parts[1] || labels[0] != labels[1] {
             cells.for_each_facet(face, |nodes| {
+                let is_cut = pair[1] == NONE && !is_on_side(nodes);
                 facets.push(PartFacet {
                     face: face as u32,
                     nodes,
                     parts,
-                    labels,
+                    labels: [labels[0], if is_cut { DROPPED } else { labels[1] }],
                 });
             });
         }

@@ -132,10 +132,10 @@ bench-networks: packages
 	cargo bench --locked --bench networks
 
 bench-labels: packages validators
-	cargo build --locked
+	cargo build --locked --release
 	@mkdir -p target/labels
 	$(CXX) -O2 -DNDEBUG -std=c++17 benches/cgal_labels.cpp -o target/labels/cgal_labels -lgmp -lmpfr
-	.venv/bin/python benches/labels.py target/debug/atomesh target/labels/cgal_labels target/labels $(if $(DATA),--data $(DATA))
+	.venv/bin/python benches/labels.py target/release/atomesh target/labels/cgal_labels target/labels $(if $(DATA),--data $(DATA))
 
 validators:
 	@scripts/validators.sh

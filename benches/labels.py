@@ -6,6 +6,7 @@ Prints a table in Markdown. Images and meshes are written to FOLDER. All figures
 in the same way for both meshers:
 
 - angles: the smallest and the largest dihedral angle, and the 1 % quantile of the smallest angles of tetrahedra;
+- mean distance: of the area between regions from the boundary of the labels, and of the boundary from this area;
 - precision: the share of the area between regions that is within half a sample of the boundary of the labels. The
   boundary consists of the squares between neighbouring samples of different labels;
 - coverage: the shares of the centres of these squares within half a sample and one sample of a face between regions;
@@ -134,6 +135,7 @@ def figures(labels, truth, points, tets, region):
         label, field = truth
         distances = distance_to_level_set(positions[(sides[chosen] == label).any(axis=1)], field)
         truth_share = f"{100 * (distances <= 0.25).mean():.1f}"
+    precision = distance_to_squares(positions, middles, axes)
     targets = middles[random.choice(len(middles), min(len(middles), 20000), replace=False)]
     coverage = distance_to_triangles(targets, triangle_locator(points, faces))
     edges = points[tets[:, 1:]] - points[tets[:, :1]]
@@ -151,7 +153,8 @@ def figures(labels, truth, points, tets, region):
         "smallest dihedral angle": f"{angles.min():.1f}",
         "1 % of the tetrahedra below": f"{np.quantile(angles.min(axis=0), 0.01):.1f}",
         "largest dihedral angle": f"{angles.max():.1f}",
-        "precision, 1/2 sample, %": f"{100 * (distance_to_squares(positions, middles, axes) <= 0.5).mean():.1f}",
+        "mean distance from faces to the boundary, and back": f"{precision.mean():.3f}, {coverage.mean():.3f}",
+        "precision, 1/2 sample, %": f"{100 * (precision <= 0.5).mean():.1f}",
         "coverage, 1/2 and 1 sample, %": f"{100 * (coverage <= 0.5).mean():.1f}, {100 * (coverage <= 1).mean():.1f}",
         "truth, 1/4 sample, %": truth_share,
         "bends, degrees": f"{bends(normals, faces).mean():.1f}",

@@ -230,7 +230,8 @@ impl RecordedOptions {
         &self,
         image: &Image<D>,
     ) -> Option<(Image<D>, LabelValue)> {
-        let keeps_outline = self.input.inside.is_some() && self.feature != Some(FeatureKind::Isosurface);
+        let keeps_outline =
+            self.input.inside.is_some() && self.feature != Some(FeatureKind::Isosurface);
         keeps_outline.then(|| image.with_outside_label()).flatten()
     }
 

@@ -118,6 +118,8 @@ const ATOMS_PER_POINT: f64 = 5.0;
 const MIN_THIN_ATOMS: f64 = 200_000.0;
 /// Number of atoms that thin parts may have per sample of the image.
 const THIN_ATOMS_PER_SAMPLE: f64 = 0.25;
+/// Number of atoms that thin parts may have at most: about six million tetrahedra.
+const MAX_THIN_ATOMS: f64 = 1e6;
 /// Factor by which the smallest distance in thin parts grows until the atoms are few enough.
 const THIN_DISTANCE_GROWTH: f64 = 1.15;
 
@@ -134,7 +136,8 @@ impl ThinDistances {
     /// Returns the distances for these gaps: as small as [`MIN_THIN_DISTANCE`], unless thin parts would
     /// have too many atoms.
     pub fn for_gaps(gaps: &[f32], limits: [f64; 2], min_step: f64, sample_count: usize) -> Self {
-        let allowed = MIN_THIN_ATOMS.max(THIN_ATOMS_PER_SAMPLE * sample_count as f64);
+        let allowed =
+            (THIN_ATOMS_PER_SAMPLE * sample_count as f64).clamp(MIN_THIN_ATOMS, MAX_THIN_ATOMS);
         let mut distances = Self {
             limits,
             min_thin: (MIN_THIN_DISTANCE * min_step).min(limits[0]),

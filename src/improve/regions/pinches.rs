@@ -406,6 +406,7 @@ impl<const D: usize, M: Simplices<D>> Patch<D, M> {
 mod tests {
     use super::*;
     use crate::feature::LabelMap;
+    use crate::geometry::add_scaled;
     use crate::image::LabelValue;
     use crate::mesh::boxes::kuhn_box;
     use crate::mesh::{Mesh, TetMesh};

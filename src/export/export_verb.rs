@@ -1,14 +1,16 @@
 //! Exports a mesh as `atomesh export` does: fills its cells with rock, adds wells, checks the model
 //! and writes it.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
 use super::export_spec::{ExportSpec, no_effect_error};
 use super::names::ExportNames;
-use super::{ExportContent, ExportFormat};
+use super::{ExportContent, ExportFormat, corner_point};
 use crate::error::cause;
+use crate::files::atomic_write;
 use crate::mesh_file::{CellChoice, take_cells, with_mesh};
 use crate::model::flow::FaultResistance;
 use crate::model::reservoir::rock_options::FilledRock;
@@ -131,11 +133,13 @@ pub fn export<'a>(
     progress.stage(Stage::Checking);
     let checks = ModelChecks::new(&prepared.model, prepared.box_volume);
     note_checks(&prepared, &checks, format, spec, progress)?;
-    let seals = (spec.check_seals)
-        .then(|| SealCheck::new(&prepared.model, &CancelToken::never()))
-        .transpose()?;
+    let seals = check_seals(&prepared, format, spec)?;
     progress.stage(Stage::Writing);
     write_model(&prepared.model, format, path, progress)?;
+    if let (Some(seals), Some(table)) = (&seals, &spec.seal_table) {
+        let csv = seals.csv();
+        atomic_write(table, |out| out.write_all(csv.as_bytes()))?;
+    }
     Ok(ExportOutcome {
         format,
         path: path.to_path_buf(),
@@ -147,6 +151,27 @@ pub fn export<'a>(
         seals,
         extended,
     })
+}
+
+/// Checks the closed faults of the model, or of the grid on which the format resamples it.
+fn check_seals(
+    prepared: &PreparedModel,
+    format: &ExportFormat,
+    spec: &ExportSpec,
+) -> Result<Option<SealCheck>> {
+    if !spec.check_seals {
+        return Ok(None);
+    }
+    let (model, cancel) = (&prepared.model, CancelToken::never());
+    let is_resampled = format.supported_content.contains(&ExportContent::Grid);
+    let check = if is_resampled {
+        let names = ExportNames::new(model, &format.names);
+        let network = corner_point::grdecl::seal_network(model, &names)?;
+        SealCheck::of_network(model, &network, &prepared.frame, &cancel)?
+    } else {
+        SealCheck::new(model, &prepared.frame, &cancel)?
+    };
+    Ok(Some(check))
 }
 
 /// Makes the cells inactive that hold no data, or whose rock is below a cut-off or conducts nothing.
@@ -410,7 +435,8 @@ impl ExportOutcome {
             "file": path_text(&self.path),
             "twin": self.companion.as_deref().map(path_text),
             "checks": self.checks,
-            "seals": self.seals,
+            "seals": self.seals.as_ref().map(|seals| &seals.faults),
+            "compartments": self.seals.as_ref().map(|seals| &seals.compartments),
             "wells": self.wells.iter().map(|well| {
                 json!({ "name": well.name, "cells": well.cells, "lengths": well.lengths })
             }).collect::<Vec<_>>(),

@@ -240,12 +240,19 @@ impl FaceSurfaces {
     /// Returns the number of the surface of each connection; 0 for none. The extension of a fault has the
     /// number of the fault.
     fn merged_labels(&self) -> Vec<u32> {
+        let merged = self.merged_numbers();
+        let labels = self.connection_surfaces.iter();
+        labels.map(|&label| merged[label as usize]).collect()
+    }
+
+    /// Returns for each number of a surface, from 0 for none, the number that counts: that of the fault for the
+    /// extension of a fault.
+    pub(crate) fn merged_numbers(&self) -> Vec<u32> {
         let mut merged: Vec<u32> = (0..=self.kinds.len() as u32).collect();
         for &(extension, fault) in &self.extensions {
             merged[extension as usize] = fault;
         }
-        let labels = self.connection_surfaces.iter();
-        labels.map(|&label| merged[label as usize]).collect()
+        merged
     }
 
     /// Adds surfaces of one kind on connections that lie on no other surface. `name_index` returns the

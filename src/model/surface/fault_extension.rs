@@ -13,6 +13,7 @@ use serde::Serialize;
 
 use crate::geometry::cell_list::CellList;
 use crate::geometry::counting_sort::sort_by_group;
+use crate::geometry::union_find::UnionFind;
 use crate::geometry::{add_scaled, bounding_box, dot, norm, sub, unit};
 use crate::mesh::graph::Graph;
 use crate::model::surface::SurfaceKind;
@@ -87,38 +88,145 @@ pub(crate) fn extensions<const D: usize>(
     faults: &[u32],
     max_distance: f64,
 ) -> Vec<Extension> {
-    let cell_connections = CellConnections::new(graph);
     let mut is_barrier: Vec<bool> = vec![false];
     is_barrier.extend(kinds.iter().map(|kind| *kind != SurfaceKind::Horizon));
+    let continuations = Continuations::new(graph);
     let mut found = Vec::new();
     for &surface in faults {
-        let Some(sheet) = FaultSheet::new(graph, &labels, surface) else {
+        let next = continuations.of_fault(&labels, &is_barrier, surface, max_distance);
+        let Some(continuation) = next.filter(|next| !next.faces.is_empty()) else {
             continue;
         };
-        let sides = sheet.sides(graph, &cell_connections, &labels, &is_barrier, max_distance);
         let mut extension = Extension {
             surface,
-            fault_area: sheet.faces.iter().map(|face| face.2).sum(),
+            fault_area: continuation.fault_area,
             connections: Vec::new(),
             area: 0.0,
         };
-        for (index, c) in graph.connections.iter().enumerate() {
-            let [a, b] = c.cells.map(|cell| sides[cell as usize]);
-            let is_horizon = !is_barrier[labels[index] as usize];
-            if i16::from(a) * i16::from(b) < 0 && (labels[index] == 0 || is_horizon) {
-                extension.connections.push(index);
-                extension.area += c.area * dot(c.normal, sheet.plane_at(c.point).normal).abs();
-            }
-        }
-        if extension.connections.is_empty() {
-            continue;
-        }
-        for &index in &extension.connections {
-            labels[index] = surface;
+        for face in &continuation.faces {
+            let c = &graph.connections[face.connection];
+            labels[face.connection] = surface;
+            extension.connections.push(face.connection);
+            extension.area += c.area * dot(c.normal, face.normal).abs();
         }
         found.push(extension);
     }
     found
+}
+
+/// A face by which a fault continues, through a hole or beyond its edges.
+pub(crate) struct ContinuationFace<const D: usize> {
+    /// The connection.
+    pub connection: usize,
+    /// Unit normal of the plane that fits the nearest part of the fault.
+    pub normal: [f64; D],
+    /// Distance of the face from the nearest face of the fault.
+    pub fault_distance: f64,
+}
+
+/// The continuation of a fault.
+pub(crate) struct Continuation<const D: usize> {
+    /// Area of the fault.
+    pub fault_area: f64,
+    /// The side of each cell: -1 or 1 for cells near the fault or its continuation, 0 for others.
+    pub sides: Vec<i8>,
+    /// The faces between the two sides that are on no barrier.
+    pub faces: Vec<ContinuationFace<D>>,
+    sheet: FaultSheet<D>,
+}
+
+impl<const D: usize> Continuation<D> {
+    /// Returns the distance of a position from the centre of the nearest face of the fault.
+    pub fn fault_distance(&self, x: [f64; D]) -> f64 {
+        self.sheet.distance(x)
+    }
+}
+
+/// Finds the continuations of faults of a graph.
+pub(crate) struct Continuations<'a, const D: usize> {
+    graph: &'a Graph<D>,
+    cell_connections: CellConnections,
+}
+
+impl<'a, const D: usize> Continuations<'a, D> {
+    pub fn new(graph: &'a Graph<D>) -> Self {
+        Self {
+            graph,
+            cell_connections: CellConnections::new(graph),
+        }
+    }
+
+    /// Returns the connections of a cell.
+    pub fn connections_at(&self, cell: u32) -> &[u32] {
+        self.cell_connections.connections_at(cell)
+    }
+
+    /// Returns the continuation of a fault, or `None` if no connection has its number. `labels` has
+    /// the number of the surface of each connection, 0 for none. A continuation ends at
+    /// surfaces for which `is_barrier`, by number, is `true`, and at `max_distance` from the fault.
+    pub fn of_fault(
+        &self,
+        labels: &[u32],
+        is_barrier: &[bool],
+        surface: u32,
+        max_distance: f64,
+    ) -> Option<Continuation<D>> {
+        let sheet = FaultSheet::new(self.graph, labels, surface)?;
+        let spread = Spread {
+            graph: self.graph,
+            cell_connections: &self.cell_connections,
+            labels,
+            is_barrier,
+            surface,
+        };
+        let sides = sheet.sides(&spread, max_distance);
+        let mut faces = Vec::new();
+        for (connection, c) in self.graph.connections.iter().enumerate() {
+            let [a, b] = c.cells.map(|cell| sides[cell as usize]);
+            if i16::from(a) * i16::from(b) >= 0 || !spread.is_open(connection) {
+                continue;
+            }
+            let plane = sheet.plane_at(c.point);
+            faces.push(ContinuationFace {
+                connection,
+                normal: plane.normal,
+                fault_distance: plane.distance,
+            });
+        }
+        Some(Continuation {
+            fault_area: sheet.faces.iter().map(|face| face.2).sum(),
+            sides,
+            faces,
+            sheet,
+        })
+    }
+}
+
+/// What the division of cells into two sides spreads through.
+struct Spread<'a, const D: usize> {
+    graph: &'a Graph<D>,
+    cell_connections: &'a CellConnections,
+    labels: &'a [u32],
+    is_barrier: &'a [bool],
+    surface: u32,
+}
+
+impl<const D: usize> Spread<'_, D> {
+    /// Returns `true` if a connection lies neither on the fault nor on a barrier.
+    fn is_open(&self, connection: usize) -> bool {
+        let label = self.labels[connection];
+        label == 0 || label != self.surface && !self.is_barrier[label as usize]
+    }
+
+    /// Returns the cells beside a cell beyond its open connections, with these connections.
+    fn neighbours(&self, cell: u32) -> impl Iterator<Item = (u32, usize)> + '_ {
+        let connections = self.cell_connections.connections_at(cell).iter();
+        let open = connections.filter(|index| self.is_open(**index as usize));
+        open.map(move |&index| {
+            let [a, b] = self.graph.connections[index as usize].cells;
+            (if a == cell { b } else { a }, index as usize)
+        })
+    }
 }
 
 /// The connections of each cell.
@@ -249,18 +357,14 @@ impl<const D: usize> FaultSheet<D> {
     }
 
     /// Returns the side of each cell: -1 or 1 for cells near the fault or its continuation, 0 for others.
-    fn sides(
-        &self,
-        graph: &Graph<D>,
-        cell_connections: &CellConnections,
-        labels: &[u32],
-        is_barrier: &[bool],
-        max_distance: f64,
-    ) -> Vec<i8> {
-        let mut sides = vec![0i8; graph.volume.len()];
-        let mut sums = vec![0.0f64; graph.volume.len()];
+    fn sides(&self, spread: &Spread<'_, D>, max_distance: f64) -> Vec<i8> {
+        let graph = spread.graph;
+        let cells = graph.volume.len();
+        let mut sides = vec![0i8; cells];
+        let mut touches = vec![false; cells];
+        let mut sums = vec![0.0f64; cells];
         let mut front = VecDeque::new();
-        let on_fault = graph.connections.iter().zip(labels);
+        let on_fault = graph.connections.iter().zip(spread.labels);
         let on_fault = on_fault.filter(|(_, label)| **label == self.surface);
         for ((c, _), (_, normal, _)) in on_fault.zip(&self.faces) {
             let sign = dot(c.normal, *normal).signum();
@@ -270,29 +374,68 @@ impl<const D: usize> FaultSheet<D> {
         }
         for &cell in &front {
             sides[cell as usize] = if sums[cell as usize] < 0.0 { -1 } else { 1 };
+            touches[cell as usize] = true;
         }
+        let mut is_tested = touches.clone();
         while let Some(cell) = front.pop_front() {
-            for &index in cell_connections.connections_at(cell) {
-                let label = labels[index as usize];
-                if label != 0 && label != self.surface && is_barrier[label as usize] {
+            for (other, _) in spread.neighbours(cell) {
+                if std::mem::replace(&mut is_tested[other as usize], true) {
                     continue;
                 }
-                let [a, b] = graph.connections[index as usize].cells;
-                let other = (if a == cell { b } else { a }) as usize;
-                if sides[other] != 0 {
-                    continue;
-                }
-                let site = graph.site[other];
+                let site = graph.site[other as usize];
                 let plane = self.plane_at(site);
                 let offset = dot(sub(site, plane.point), plane.normal);
-                if plane.distance <= max_distance
-                    && offset.abs() <= BAND_WIDTH * cell_size::<D>(graph.volume[other])
-                {
-                    sides[other] = if offset < 0.0 { -1 } else { 1 };
-                    front.push_back(other as u32);
+                let band = BAND_WIDTH * cell_size::<D>(graph.volume[other as usize]);
+                if plane.distance > max_distance || offset.abs() > band {
+                    continue;
                 }
+                // A rough fault deviates from the plane: cells beside it have the side of their
+                // neighbours at the fault, if these agree.
+                let near = spread.neighbours(other).map(|(cell, _)| cell as usize);
+                let near = near.filter(|cell| touches[*cell]).map(|cell| sides[cell]);
+                let [has_lower, has_upper] = near.fold([false; 2], |has, side| {
+                    [has[0] || side < 0, has[1] || side > 0]
+                });
+                sides[other as usize] = match (has_lower, has_upper) {
+                    (true, false) => -1,
+                    (false, true) => 1,
+                    _ if offset < 0.0 => -1,
+                    _ => 1,
+                };
+                front.push_back(other);
             }
         }
+        flip_islands(spread, &mut sides, &touches);
         sides
+    }
+}
+
+/// Gives cells the other side if no path through cells of their own side leads from them to the fault.
+/// They lie across a plane, but not across the fault.
+fn flip_islands<const D: usize>(spread: &Spread<'_, D>, sides: &mut [i8], touches: &[bool]) {
+    let connections = &spread.graph.connections;
+    // An island may lie in an island, but not many times.
+    for _ in 0..3 {
+        let mut sets = UnionFind::new(sides.len());
+        for (index, c) in connections.iter().enumerate() {
+            let [a, b] = c.cells.map(|cell| sides[cell as usize]);
+            if a != 0 && a == b && spread.is_open(index) {
+                sets.unite(c.cells[0], c.cells[1]);
+            }
+        }
+        let mut has_fault = vec![false; sides.len()];
+        for cell in (0..sides.len()).filter(|cell| touches[*cell]) {
+            has_fault[sets.find(cell as u32) as usize] = true;
+        }
+        let mut is_flipped = false;
+        for cell in 0..sides.len() {
+            if sides[cell] != 0 && !has_fault[sets.find(cell as u32) as usize] {
+                sides[cell] = -sides[cell];
+                is_flipped = true;
+            }
+        }
+        if !is_flipped {
+            return;
+        }
     }
 }

@@ -1,0 +1,301 @@
+//! Continues given faults that end near a side of the image or near another fault.
+//!
+//! A fault stick often stops a sample short of the side of a survey, or of the fault at which it
+//! ends. The mesh would then have a gap through which fluid flows. The rim of such a fault is
+//! continued in the direction of its surface to what it ends near.
+
+use std::collections::BTreeMap;
+
+use crate::feature::GivenSurface;
+use crate::geometry::{add_scaled, cross, dot, norm, sub, unit};
+use crate::mesh::poly::SIDE_NAMES;
+
+/// Corners nearer to each other than this, in samples, are one node.
+const WELD_DISTANCE: f64 = 1e-6;
+/// Distance in samples by which a continued surface goes beyond what it ends near.
+const OVERSHOOT: f64 = 0.3;
+/// Smallest way, in samples, of a rim that is continued.
+const MIN_WAY: f64 = 1e-3;
+
+/// A given surface that was continued.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct ContinuedSurface {
+    /// Index of the surface.
+    pub index: usize,
+    /// The longest way from its rim to what it ends near, in the unit of the metric.
+    pub way: f64,
+    /// Names of the sides and faults to which it was continued.
+    pub targets: Vec<String>,
+}
+
+/// A surface of triangles with common nodes.
+struct Sheet {
+    nodes: Vec<[f64; 3]>,
+    triangles: Vec<[usize; 3]>,
+}
+
+impl Sheet {
+    /// Joins equal corners of triangles.
+    fn new<const D: usize>(triangles: &[[[f64; D]; D]], scale: [f64; 3]) -> Self {
+        let mut numbers: BTreeMap<[i64; 3], usize> = BTreeMap::new();
+        let mut nodes = Vec::new();
+        let mut node = |corner: [f64; D]| {
+            let corner: [f64; 3] = std::array::from_fn(|k| corner[k] * scale[k]);
+            let key = corner.map(|c| (c / WELD_DISTANCE).round() as i64);
+            *numbers.entry(key).or_insert_with(|| {
+                nodes.push(corner);
+                nodes.len() - 1
+            })
+        };
+        let triangles = triangles
+            .iter()
+            .map(|t| [node(t[0]), node(t[1]), node(t[2])])
+            .collect();
+        Self { nodes, triangles }
+    }
+
+    /// Returns the edges that belong to one triangle, each with the third node of it.
+    fn rim(&self) -> Vec<[usize; 3]> {
+        let mut edges: BTreeMap<[usize; 2], (usize, [usize; 3])> = BTreeMap::new();
+        for t in &self.triangles {
+            for [a, b, c] in [[t[0], t[1], t[2]], [t[1], t[2], t[0]], [t[2], t[0], t[1]]] {
+                let entry = edges.entry([a.min(b), a.max(b)]).or_insert((0, [a, b, c]));
+                entry.0 += 1;
+            }
+        }
+        let edges = edges.into_values();
+        edges
+            .filter(|(count, _)| *count == 1)
+            .map(|e| e.1)
+            .collect()
+    }
+
+    /// Returns the directions in which the surface goes on at the nodes of its rim.
+    fn outward_directions(&self, rim: &[[usize; 3]]) -> BTreeMap<usize, [f64; 3]> {
+        let mut sums: BTreeMap<usize, [f64; 3]> = BTreeMap::new();
+        for edge in rim {
+            let [a, b, c] = edge.map(|n| self.nodes[n]);
+            let along = sub(b, a);
+            let squared = dot(along, along);
+            if squared == 0.0 {
+                continue;
+            }
+            let outward = sub(a, c);
+            let outward = add_scaled(outward, -dot(outward, along) / squared, along);
+            if norm(outward) == 0.0 {
+                continue;
+            }
+            for node in [edge[0], edge[1]] {
+                let sum = sums.entry(node).or_default();
+                *sum = add_scaled(*sum, squared.sqrt(), unit(outward));
+            }
+        }
+        sums.retain(|_, sum| norm(*sum) > 0.0);
+        sums.into_iter().map(|(n, sum)| (n, unit(sum))).collect()
+    }
+}
+
+/// Returns the fraction of a ray from `x` along `direction` at which it crosses a triangle.
+fn crossing(x: [f64; 3], direction: [f64; 3], [a, b, c]: [[f64; 3]; 3]) -> Option<f64> {
+    // Möller and Trumbore (1997).
+    let (u, v) = (sub(b, a), sub(c, a));
+    let p = cross(direction, v);
+    let determinant = dot(u, p);
+    if determinant.abs() <= 1e-12 * norm(u) * norm(v) {
+        return None;
+    }
+    let offset = sub(x, a);
+    let first = dot(offset, p) / determinant;
+    let q = cross(offset, u);
+    let second = dot(direction, q) / determinant;
+    let tolerance = 1e-9;
+    let is_inside =
+        first >= -tolerance && second >= -tolerance && first + second <= 1.0 + tolerance;
+    is_inside.then(|| dot(v, q) / determinant)
+}
+
+/// Continues the faults among given surfaces, in sample coordinates, to sides of an image and to other
+/// faults that are nearer than `reach`, in a space in which samples have these lengths.
+pub(super) fn continue_faults<const D: usize>(
+    surfaces: &mut [GivenSurface<D>],
+    dims: [usize; D],
+    lengths: [f64; D],
+    reach: f64,
+) -> Vec<ContinuedSurface> {
+    if D != 3 {
+        return Vec::new();
+    }
+    let scale: [f64; 3] = std::array::from_fn(|k| lengths[k]);
+    let last: [f64; 3] = std::array::from_fn(|k| (dims[k] as f64 - 1.0) * scale[k]);
+    let sample = scale.into_iter().fold(f64::INFINITY, f64::min);
+    let sheets: Vec<Sheet> = (surfaces.iter())
+        .map(|surface| Sheet::new(&surface.triangles, scale))
+        .collect();
+    let mut continued = Vec::new();
+    for (index, sheet) in sheets.iter().enumerate() {
+        if surfaces[index].is_horizon {
+            continue;
+        }
+        let rim = sheet.rim();
+        let mut ends: BTreeMap<usize, [f64; 3]> = BTreeMap::new();
+        let (mut way, mut targets) = (0.0f64, Vec::new());
+        for (node, direction) in sheet.outward_directions(&rim) {
+            let x = sheet.nodes[node];
+            let tolerance = WELD_DISTANCE * sample;
+            if (0..3).any(|k| x[k] < -tolerance || x[k] > last[k] + tolerance) {
+                continue;
+            }
+            let mut target: Option<(f64, String)> = None;
+            for (other, sheet) in sheets.iter().enumerate() {
+                if other == index || surfaces[other].is_horizon {
+                    continue;
+                }
+                for triangle in &sheet.triangles {
+                    let found = crossing(x, direction, triangle.map(|n| sheet.nodes[n]));
+                    let found = found.filter(|t| (MIN_WAY * sample..=reach).contains(t));
+                    if let Some(t) = found
+                        && target.as_ref().is_none_or(|(best, _)| t < *best)
+                    {
+                        target = Some((t, surfaces[other].name.clone()));
+                    }
+                }
+            }
+            if target.is_none() {
+                // A corner goes on to all sides that are near.
+                for side in 0..6 {
+                    let (axis, plane) = (side / 2, [0.0, last[side / 2]][side % 2]);
+                    let t = (plane - x[axis]) / direction[axis];
+                    let is_near = (MIN_WAY * sample..=reach).contains(&t);
+                    if is_near && target.as_ref().is_none_or(|(best, _)| t > *best) {
+                        target = Some((t, format!("side {}", SIDE_NAMES[side])));
+                    }
+                }
+            }
+            if let Some((t, name)) = target {
+                way = way.max(t);
+                targets.push(name);
+                ends.insert(node, add_scaled(x, t + OVERSHOOT * sample, direction));
+            }
+        }
+        let mut added: Vec<[[f64; 3]; 3]> = Vec::new();
+        for [a, b, _] in rim {
+            let [x, y] = [a, b].map(|n| sheet.nodes[n]);
+            match (ends.get(&a), ends.get(&b)) {
+                (Some(&end), Some(&other_end)) => {
+                    added.extend([[x, y, other_end], [x, other_end, end]]);
+                }
+                (Some(&end), None) | (None, Some(&end)) => added.push([x, y, end]),
+                (None, None) => {}
+            }
+        }
+        if added.is_empty() {
+            continue;
+        }
+        let triangles = added
+            .iter()
+            .map(|t| std::array::from_fn(|i| std::array::from_fn(|k| t[i][k] / scale[k])));
+        surfaces[index].triangles.extend(triangles);
+        targets.sort();
+        targets.dedup();
+        continued.push(ContinuedSurface {
+            index,
+            way,
+            targets,
+        });
+    }
+    continued
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns a plane x = `x` between ranges of y and z, of squares of 4 samples.
+    fn plane(name: &str, x: f64, y: [f64; 2], z: [f64; 2]) -> GivenSurface<3> {
+        let steps = |[low, high]: [f64; 2]| {
+            let count = ((high - low) / 4.0).ceil() as usize;
+            (0..=count).map(move |i| low + (high - low) * i as f64 / count as f64)
+        };
+        let (ys, zs): (Vec<f64>, Vec<f64>) = (steps(y).collect(), steps(z).collect());
+        let mut triangles = Vec::new();
+        for y in ys.windows(2) {
+            for z in zs.windows(2) {
+                let [a, b, c, d] = [
+                    [x, y[0], z[0]],
+                    [x, y[1], z[0]],
+                    [x, y[1], z[1]],
+                    [x, y[0], z[1]],
+                ];
+                triangles.extend([[a, b, c], [a, c, d]]);
+            }
+        }
+        GivenSurface {
+            name: name.into(),
+            is_horizon: false,
+            triangles,
+        }
+    }
+
+    fn area(surface: &GivenSurface<3>) -> f64 {
+        let areas = surface.triangles.iter();
+        areas
+            .map(|t| 0.5 * norm(cross(sub(t[1], t[0]), sub(t[2], t[0]))))
+            .sum()
+    }
+
+    #[test]
+    fn a_fault_goes_on_to_sides_that_are_near_and_to_no_others() {
+        // 2 samples short of ymax, 13 of zmax and 12 of ymin.
+        let mut surfaces = [plane("a", 20.0, [12.0, 37.0], [0.0, 26.0])];
+        let continued = continue_faults(&mut surfaces, [40; 3], [1.0; 3], 5.0);
+        assert_eq!(continued.len(), 1);
+        assert_eq!(continued[0].targets, ["side ymax"]);
+        let mut surfaces = [plane("a", 20.0, [12.0, 37.0], [0.0, 36.0])];
+        let continued = continue_faults(&mut surfaces, [40; 3], [1.0; 3], 5.0);
+        assert_eq!(continued[0].targets, ["side ymax", "side zmax"]);
+        // The corner is covered, too.
+        let reaches = |y: f64, z: f64| {
+            surfaces[0].triangles.iter().any(|t| {
+                crossing([0.0, y, z], [1.0, 0.0, 0.0], *t).is_some_and(|x| (x - 20.0).abs() < 1e-9)
+            })
+        };
+        assert!(reaches(38.9, 38.9) && reaches(38.9, 5.0) && reaches(20.0, 38.9));
+        assert!(!reaches(11.0, 20.0));
+        // Nothing is near.
+        let mut far = [plane("a", 20.0, [12.0, 30.0], [8.0, 30.0])];
+        assert!(continue_faults(&mut far, [40; 3], [1.0; 3], 5.0).is_empty());
+        // Samples that are twice as long are twice as far.
+        let mut long = [plane("a", 20.0, [12.0, 36.0], [8.0, 30.0])];
+        assert!(continue_faults(&mut long, [40; 3], [1.0, 2.0, 1.0], 5.0).is_empty());
+    }
+
+    #[test]
+    fn a_fault_goes_on_to_the_next_fault() {
+        let mut other = plane("b", 10.0, [0.0, 39.0], [0.0, 39.0]);
+        // The plane y = 10.
+        for triangle in &mut other.triangles {
+            for corner in triangle {
+                corner.swap(0, 1);
+            }
+        }
+        let mut surfaces = [plane("a", 20.0, [13.0, 39.0], [0.0, 39.0]), other];
+        let before = area(&surfaces[0]);
+        let continued = continue_faults(&mut surfaces, [40; 3], [1.0; 3], 4.0);
+        assert_eq!(continued.len(), 1);
+        assert_eq!(
+            (continued[0].index, &*continued[0].targets),
+            (0, &["b".to_string()][..])
+        );
+        assert!((continued[0].way - 3.0).abs() < 1.3, "{continued:?}");
+        let added = area(&surfaces[0]) - before;
+        assert!((added / (3.3 * 39.0) - 1.0).abs() < 0.1, "{added}");
+        // A horizon is no target, and is not continued.
+        surfaces[1].is_horizon = true;
+        surfaces[0].triangles.truncate(4);
+        assert!(
+            continue_faults(&mut surfaces, [40; 3], [1.0; 3], 4.0)
+                .iter()
+                .all(|continued| continued.targets.iter().all(|t| t != "b"))
+        );
+    }
+}

@@ -52,7 +52,10 @@ impl Plane {
     fn has(&self, defect: Defect, y: f64, z: f64) -> bool {
         let x = self.point(y, z);
         let centre = self.centre(defect);
-        let distance: f64 = (0..3).map(|k| (x[k] - centre[k]).powi(2)).sum::<f64>().sqrt();
+        let distance: f64 = (0..3)
+            .map(|k| (x[k] - centre[k]).powi(2))
+            .sum::<f64>()
+            .sqrt();
         match defect {
             Defect::None => true,
             Defect::FreeTip => y < 14.0,
@@ -77,7 +80,12 @@ fn write_surface(
     for row in 0..=rows {
         for column in 0..=columns {
             let [x, y, z] = point(place(column), place(row));
-            writeln!(text, "VRTX {} {x} {y} {z}", row * (columns + 1) + column + 1).unwrap();
+            writeln!(
+                text,
+                "VRTX {} {x} {y} {z}",
+                row * (columns + 1) + column + 1
+            )
+            .unwrap();
         }
     }
     for row in 0..rows {
@@ -117,7 +125,11 @@ fn make_mesh(folder: &Path, plane: &Plane, defect: Defect, cells: &str, options:
 
 /// Returns the JSON of an export that checks seals.
 fn check(folder: &Path, format: &str, options: &str) -> Value {
-    let name = if format == "grdecl" { "CASE.GRDECL" } else { "CASE.DATA" };
+    let name = if format == "grdecl" {
+        "CASE.GRDECL"
+    } else {
+        "CASE.DATA"
+    };
     let export = format!("export mesh.vtu --to {format} -o {name} --down z --depth-at-top 1000");
     let line = format!("{export} {ROCK} --faults closed --check-seals {options} --json --quiet");
     serde_json::from_str(&run(folder, &line)).unwrap()
@@ -159,7 +171,10 @@ fn problem(folder: &Path, plane: &Plane, defect: Defect, format: &str) -> Option
     }
     let at: Vec<f64> = (0..3).map(|k| leak["at"][k].as_f64().unwrap()).collect();
     let centre = plane.centre(defect);
-    let distance: f64 = (0..3).map(|k| (at[k] - centre[k]).powi(2)).sum::<f64>().sqrt();
+    let distance: f64 = (0..3)
+        .map(|k| (at[k] - centre[k]).powi(2))
+        .sum::<f64>()
+        .sqrt();
     if distance > DISTANCE {
         return wrong(&format!("place, {distance} from {centre:?}"));
     }
@@ -227,30 +242,53 @@ fn the_certificate_is_right_on_all_kinds_of_cells() {
     }
     let cells: [(&str, &[&str]); 2] = [("tets", &["opm"]), ("voronoi", &["opm", "grdecl"])];
     let problems = problems(&cases, &cells);
-    assert!(problems.is_empty(), "{} of 75 wrong\n{}", problems.len(), problems.join("\n"));
+    assert!(
+        problems.is_empty(),
+        "{} of 75 wrong\n{}",
+        problems.len(),
+        problems.join("\n")
+    );
 }
 
 #[test]
 fn the_table_of_leaks_has_a_line_for_each() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let plane = Plane { dip: 75.0, turn: 0.0 };
+    let plane = Plane {
+        dip: 75.0,
+        turn: 0.0,
+    };
     let defect = Defect::GapToSide(8.0);
-    make_mesh(folder, &plane, defect, "voronoi", "--extend-faults 0 --quiet");
+    make_mesh(
+        folder,
+        &plane,
+        defect,
+        "voronoi",
+        "--extend-faults 0 --quiet",
+    );
     let report = check(folder, "opm", "--seal-table leaks.csv");
     let table = std::fs::read_to_string(folder.join("leaks.csv")).unwrap();
     let lines: Vec<&str> = table.lines().collect();
     let leaks = fault(&report, "main")["leaks"].as_array().unwrap().len();
     assert_eq!(lines.len(), 1 + leaks, "{table}");
-    assert!(lines[0].starts_with("fault,verdict,through,around,"), "{table}");
-    assert!(lines[1].starts_with("main,leaks,") && lines[1].contains("gap to side ymax"), "{table}");
+    assert!(
+        lines[0].starts_with("fault,verdict,through,around,"),
+        "{table}"
+    );
+    assert!(
+        lines[1].starts_with("main,leaks,") && lines[1].contains("gap to side ymax"),
+        "{table}"
+    );
 }
 
 #[test]
 fn a_fault_that_ends_near_a_side_or_a_fault_is_continued_to_it() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let plane = Plane { dip: 70.0, turn: 0.1 };
+    let plane = Plane {
+        dip: 70.0,
+        turn: 0.1,
+    };
     let cases = [
         (Defect::GapToSide(1.0), "side ymax"),
         (Defect::GapToSide(4.0), "side ymax"),

@@ -56,6 +56,12 @@ pub struct ExportSpec {
     /// of its fault
     #[arg(long, value_name = "DIST", help_heading = "Faults")]
     pub extend_faults: Option<f64>,
+    /// Also write what lies against what on the two sides of faults (Allan maps): a table of area, throw, shale-gouge
+    /// ratio, multiplier and transmissibility by pairs of zones (.csv), the faces with these (.vtp), or a picture
+    /// (.png). May be repeated
+    #[arg(long, value_name = "FILE", help_heading = "Faults")]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub juxtaposition: Vec<PathBuf>,
     /// Report for each closed fault whether it seals, the share of the flow between its two sides that
     /// passes through it and round its ends, the place, area, cause and remedy of each leak, and the wells in
     /// each compartment
@@ -141,6 +147,9 @@ impl ExportSpec {
         if self.check_seals && !has_closed_fault {
             let problem = "is for closed faults, but none is closed";
             return Err(no_effect_error("check-seals", problem));
+        }
+        for path in &self.juxtaposition {
+            check_output(path, "juxtaposition", &["csv", "vtp", "png"], &[])?;
         }
         if let Some(table) = &self.seal_table {
             check_output(table, "seal-table", &["csv"], &[])?;

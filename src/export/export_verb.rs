@@ -7,12 +7,14 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::export_spec::{ExportSpec, no_effect_error};
+use super::juxtaposition::JuxtapositionMap;
 use super::names::ExportNames;
 use super::{ExportContent, ExportFormat, corner_point};
 use crate::error::cause;
 use crate::files::atomic_write;
 use crate::mesh_file::{CellChoice, take_cells, with_mesh};
 use crate::model::flow::FaultResistance;
+use crate::model::reservoir::gouge::FaultRockRule;
 use crate::model::reservoir::rock_options::FilledRock;
 use crate::model::reservoir::space_options::check_depth;
 use crate::model::reservoir::{
@@ -97,10 +99,17 @@ pub fn export<'a>(
         .iter()
         .for_each(|fault| progress.note(&fault.note(3)));
     prepared.model.set_faults(&laws)?;
+    let mut face_rocks = Vec::new();
     if let Some(clay) = &spec.gouge.clay {
         let clay = (spec.rock).cell_values("clay", clay, &prepared, read_image, progress)?;
-        let throws = spec.gouge.throws()?;
-        let fault_rocks = prepared.model.set_fault_rock(&clay, &throws)?;
+        let throws = spec.gouge.throws(&prepared.frame)?;
+        let rule = FaultRockRule {
+            law: spec.gouge.fault_rock.unwrap_or_default(),
+            smear: spec.gouge.clay_smear,
+            rock: filled.rock.as_ref(),
+        };
+        let fault_rocks;
+        (fault_rocks, face_rocks) = prepared.model.set_fault_rock(&clay, &throws, rule)?;
         fault_rocks
             .iter()
             .for_each(|rock| progress.note(&rock.note()));
@@ -134,8 +143,17 @@ pub fn export<'a>(
     let checks = ModelChecks::new(&prepared.model, prepared.box_volume);
     note_checks(&prepared, &checks, format, spec, progress)?;
     let seals = check_seals(&prepared, format, spec)?;
+    let juxtaposition = (!spec.juxtaposition.is_empty())
+        .then(|| JuxtapositionMap::new(&prepared.model, &face_rocks))
+        .transpose()?;
     progress.stage(Stage::Writing);
     write_model(&prepared.model, format, path, progress)?;
+    if let Some(map) = &juxtaposition {
+        let paths = spec.juxtaposition.iter();
+        paths
+            .map(|path| map.write(path, &prepared.frame))
+            .collect::<Result<()>>()?;
+    }
     if let (Some(seals), Some(table)) = (&seals, &spec.seal_table) {
         let csv = seals.csv();
         atomic_write(table, |out| out.write_all(csv.as_bytes()))?;
@@ -290,6 +308,7 @@ fn prepare_model(
     let needs_surfaces = format.supported_content.contains(&ExportContent::Names)
         || spec.split.is_some()
         || spec.extend_faults.is_some()
+        || !spec.juxtaposition.is_empty()
         || spec.fault_options.given_option().is_some()
         || spec.gouge.given_option().is_some();
     let prepared = if needs_surfaces {

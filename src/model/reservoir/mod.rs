@@ -20,6 +20,8 @@
 //! - `trajectory`: the segments of wells in cells
 //! - `completion`: well indices
 //! - `gouge`: fault rock from clay and throw
+//! - `gouge_profile`: the clay of the two walls of a fault
+//! - `fault_throws`: throws of faults, face by face
 //! - `extended_faults`: faults continued beyond their edges
 //! - `seal_check`: the flow that passes closed faults
 //! - `surface_sides`: the two sides of surfaces, and meshes split along them
@@ -32,7 +34,9 @@ pub(crate) mod closed_faults;
 pub(crate) mod completion;
 pub(crate) mod equilibrium;
 mod extended_faults;
+pub(crate) mod fault_throws;
 pub(crate) mod gouge;
+mod gouge_profile;
 pub(crate) mod model_frame;
 mod model_sets;
 pub(crate) mod periodic_pairs;
@@ -76,7 +80,7 @@ pub use case_options::{CaseOptions, FluidChoice};
 pub use check::ModelChecks;
 pub use completion::Completion;
 pub use equilibrium::{CapillaryOption, ContactOption, DatumOption, Equilibrium};
-pub use gouge::{FaultRock, FaultThrow, GougeOptions};
+pub use gouge::{FaultRock, FaultRockLaw, FaultThrow, GougeOptions};
 pub use model_frame::{DepthAxis, ModelFrame};
 pub use rock_options::{
     CellPermeability, CellProperty, CellValue, CutOff, PermeabilityUnit, RockOptions,

@@ -15,7 +15,7 @@ use crate::geometry::cell_list::CellList;
 use crate::geometry::counting_sort::sort_by_group;
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{add_scaled, bounding_box, dot, norm, sub, unit};
-use crate::mesh::graph::Graph;
+use crate::mesh::graph::{Connection, Graph};
 use crate::model::surface::SurfaceKind;
 
 /// Largest distance of a cell from the continuation of a fault, in units of the cube root of its volume.
@@ -274,7 +274,7 @@ struct FittedPlane<const D: usize> {
 struct FaultSheet<const D: usize> {
     surface: u32,
     points: CellList<D>,
-    /// Centre, normal and area of each face. The normals point to the same side.
+    /// Centre, normal and area of each face. The normals point to the same side of the fault.
     faces: Vec<([f64; D], [f64; D], f64)>,
     positions: Vec<[f64; D]>,
     min_radius: f64,
@@ -290,20 +290,25 @@ impl<const D: usize> FaultSheet<D> {
             .map(|(c, _)| c)
             .collect();
         let first = on_fault.first()?;
-        // The mean normal, up to its sign: each normal is turned to the side of the sum so far.
-        let mut mean = first.normal;
+        // The line between two sites leads from one side of the fault to the other, also where faces
+        // are rough and their normals are not.
+        let line = |c: &Connection<D>| {
+            let [a, b] = c.cells.map(|cell| graph.site[cell as usize]);
+            sub(b, a)
+        };
+        let sign = |c: &Connection<D>, mean: [f64; D]| {
+            if dot(line(c), mean) < 0.0 { -1.0 } else { 1.0 }
+        };
+        // The mean normal, up to its sign: each line is turned to the side of the sum so far.
+        let mut mean = line(first);
         for _ in 0..2 {
             mean = on_fault.iter().fold([0.0; D], |sum, c| {
-                let sign = dot(c.normal, mean).signum();
-                add_scaled(sum, sign * c.area, c.normal)
+                add_scaled(sum, sign(c, mean) * c.area, c.normal)
             });
         }
         let faces: Vec<_> = on_fault
             .iter()
-            .map(|c| {
-                let sign = if dot(c.normal, mean) < 0.0 { -1.0 } else { 1.0 };
-                (c.point, c.normal.map(|n| sign * n), c.area)
-            })
+            .map(|c| (c.point, c.normal.map(|n| sign(c, mean) * n), c.area))
             .collect();
         let volumes = on_fault.iter().flat_map(|c| c.cells);
         let volume: f64 = volumes.map(|cell| graph.volume[cell as usize]).sum();

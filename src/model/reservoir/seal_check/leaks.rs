@@ -20,6 +20,8 @@ use crate::model::surface::fault_extension::{Continuation, ContinuationFace, Con
 const MAX_GAP: f64 = 5.0;
 /// Largest distance between neighbouring faces of a leak, in distances between nodes.
 const NEIGHBOUR_DISTANCE: f64 = 1.6;
+/// Longest way from a rim to the fault, over the shortest one.
+const MAX_OBLIQUE_WAY: f64 = 1.5;
 /// Distance within which a line meets a fault, in distances between nodes.
 const HIT_DISTANCE: f64 = 0.75;
 /// Distance along a rim over which it is decided whether there is a gap, in distances between nodes.
@@ -70,8 +72,8 @@ pub(super) struct FaultLeaks {
 struct RimPoint {
     point: [f64; 3],
     end: End,
-    /// `true` if the fault is near, seen from here.
-    is_gap: bool,
+    /// The way to the fault, if the fault is near, seen from here.
+    width: Option<f64>,
 }
 
 /// Finds the leaks of faults.
@@ -247,8 +249,7 @@ impl<'a> LeakFinder<'a> {
         ends
     }
 
-    /// Returns the points at which the open faces of a continuation end, and whether the fault is near
-    /// there.
+    /// Returns the points at which the open faces of a continuation end, and from which the fault is near.
     fn rim(&self, continuation: &Continuation<3>, fault: u32) -> Vec<RimPoint> {
         let mut rim = Vec::new();
         let mut radii = Vec::new();
@@ -264,15 +265,22 @@ impl<'a> LeakFinder<'a> {
                         continue;
                     }
                     let inwards = along.map(|c| -c / length);
-                    let is_gap = (0..=(2.0 * MAX_GAP) as usize).any(|step| {
-                        let way = 0.5 * step as f64 * spacing;
-                        let position = add_scaled(c.point, way, inwards);
-                        continuation.fault_distance(position) <= HIT_DISTANCE * spacing
+                    // Where the edge of the fault and what it ends at meet at a large angle, there is no
+                    // gap: the shortest way to the fault is much shorter.
+                    let tolerance = HIT_DISTANCE * spacing;
+                    let longest =
+                        MAX_OBLIQUE_WAY * continuation.fault_distance(c.point) + tolerance;
+                    let longest = longest.min(MAX_GAP * spacing);
+                    let ways = (0..).map(|step| 0.5 * f64::from(step) * spacing);
+                    let mut ways = ways.take_while(|way| *way <= longest);
+                    let width = ways.find(|way| {
+                        let position = add_scaled(c.point, *way, inwards);
+                        continuation.fault_distance(position) <= tolerance
                     });
                     rim.push(RimPoint {
                         point: c.point,
                         end,
-                        is_gap,
+                        width,
                     });
                     radii.push(RIM_RADIUS * spacing);
                 }
@@ -291,29 +299,24 @@ impl<'a> LeakFinder<'a> {
                     let is_near = norm(sub(points[other], points[index])) <= radii[index];
                     if is_near && rim[other].end == rim[index].end {
                         near += 1;
-                        gaps += usize::from(rim[other].is_gap);
+                        gaps += usize::from(rim[other].width.is_some());
                     }
                 });
                 gaps as f64 >= MIN_GAP_SHARE * near as f64
             })
             .collect();
-        rim.iter_mut()
-            .zip(is_gap)
-            .for_each(|(r, is_gap)| r.is_gap = is_gap);
+        let mut is_gap = is_gap.into_iter();
+        rim.retain(|r| is_gap.next() == Some(true) && r.width.is_some());
         rim
     }
 
     /// Returns the gap to which a face belongs, if it belongs to one.
     fn gap(&self, face: &ContinuationFace<3>, rim: &[RimPoint]) -> Option<Cause> {
-        let spacing = self.spacing_at(face.connection);
-        if face.fault_distance > MAX_GAP * spacing {
-            return None;
-        }
         let x = self.point(face.connection);
         let distances = rim.iter().map(|r| (norm(sub(r.point, x)), r));
         let (distance, nearest) = distances.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        let is_within = face.fault_distance + distance <= (MAX_GAP + 1.0) * spacing;
-        (is_within && nearest.is_gap).then_some(Cause::Gap(nearest.end))
+        let width = nearest.width? + 2.0 * self.spacing_at(face.connection);
+        (face.fault_distance + distance <= width).then_some(Cause::Gap(nearest.end))
     }
 
     /// Returns the leaks of connections that lie on a fault but are open.

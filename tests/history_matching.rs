@@ -240,7 +240,7 @@ fn the_check_of_seals_measures_what_passes_a_closed_fault() {
         let report: serde_json::Value = serde_json::from_str(&report).unwrap();
         let fault = &report["seals"][0];
         assert_eq!(fault["fault"], "fault1");
-        // Round the end of a fault is no leak.
+        // Flow around the end of a fault is no leak.
         assert_eq!(fault["verdict"], "sealed");
         assert_eq!(fault["leaks"], serde_json::json!([]));
         assert_eq!(fault["through"], 0.0);

@@ -155,7 +155,7 @@ fn problem(folder: &Path, plane: &Plane, defect: Defect, format: &str) -> Option
     if (defect == Defect::FreeTip) != (main["around"].as_f64().unwrap() > 0.02)
         && !matches!(defect, Defect::GapToFault(_))
     {
-        return wrong("flow round it");
+        return wrong("flow around it");
     }
     if !is_leaky {
         return None;

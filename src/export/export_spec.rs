@@ -63,7 +63,7 @@ pub struct ExportSpec {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub juxtaposition: Vec<PathBuf>,
     /// Report for each closed fault whether it seals, the share of the flow between its two sides that
-    /// passes through it and round its ends, the place, area, cause and remedy of each leak, and the wells in
+    /// passes through it and around its ends, the place, area, cause and remedy of each leak, and the wells in
     /// each compartment
     #[arg(long, help_heading = "Faults")]
     pub check_seals: bool,

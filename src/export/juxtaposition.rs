@@ -44,7 +44,7 @@ struct Contact {
     transmissibility: f64,
 }
 
-/// What lies against what on the faults of a model.
+/// The zones that lie against one another on the faults of a model.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct JuxtapositionMap<'a> {
     model: &'a Model,

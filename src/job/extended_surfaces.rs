@@ -14,16 +14,18 @@ use crate::mesh::poly::SIDE_NAMES;
 const WELD_DISTANCE: f64 = 1e-6;
 /// Distance in samples by which a continued surface goes beyond what it ends near.
 const OVERSHOOT: f64 = 0.3;
-/// Smallest way, in samples, of a rim that is continued.
-const MIN_WAY: f64 = 1e-3;
+/// Smallest cosine between the directions out of two edges that are one straight rim.
+const STRAIGHT_COSINE: f64 = 0.9;
+/// Smallest distance, in samples, by which a rim is continued.
+const MIN_STEP: f64 = 1e-3;
 
 /// A given surface that was continued.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ContinuedSurface {
     /// Index of the surface.
     pub index: usize,
-    /// The longest way from its rim to what it ends near, in the unit of the metric.
-    pub way: f64,
+    /// The longest distance from its rim to what it ends near, in the unit of the metric.
+    pub longest: f64,
     /// Names of the sides and faults to which it was continued.
     pub targets: Vec<String>,
 }
@@ -70,9 +72,10 @@ impl Sheet {
             .collect()
     }
 
-    /// Returns the directions in which the surface goes on at the nodes of its rim.
-    fn outward_directions(&self, rim: &[[usize; 3]]) -> BTreeMap<usize, [f64; 3]> {
-        let mut sums: BTreeMap<usize, [f64; 3]> = BTreeMap::new();
+    /// Returns the directions in which the surface goes on at the nodes of its rim: one for each edge of the
+    /// rim that ends there, or the mean of two that are nearly the same.
+    fn outward_directions(&self, rim: &[[usize; 3]]) -> BTreeMap<usize, Vec<[f64; 3]>> {
+        let mut directions: BTreeMap<usize, Vec<[f64; 3]>> = BTreeMap::new();
         for edge in rim {
             let [a, b, c] = edge.map(|n| self.nodes[n]);
             let along = sub(b, a);
@@ -86,12 +89,39 @@ impl Sheet {
                 continue;
             }
             for node in [edge[0], edge[1]] {
-                let sum = sums.entry(node).or_default();
-                *sum = add_scaled(*sum, squared.sqrt(), unit(outward));
+                directions.entry(node).or_default().push(unit(outward));
             }
         }
-        sums.retain(|_, sum| norm(*sum) > 0.0);
-        sums.into_iter().map(|(n, sum)| (n, unit(sum))).collect()
+        for list in directions.values_mut() {
+            let is_straight = list
+                .windows(2)
+                .all(|pair| dot(pair[0], pair[1]) > STRAIGHT_COSINE);
+            if is_straight || list.len() > 2 {
+                let sum = list
+                    .iter()
+                    .fold([0.0; 3], |sum, d| add_scaled(sum, 1.0, *d));
+                list.clear();
+                list.extend((norm(sum) > 0.0).then(|| unit(sum)));
+            }
+        }
+        directions
+    }
+}
+
+/// Returns the displacement that goes so far along each of one or two directions.
+fn displacement(directions: &[[f64; 3]], distances: &[f64]) -> [f64; 3] {
+    match (directions, distances) {
+        ([u, v], [a, b]) => {
+            let cosine = dot(*u, *v);
+            let determinant = 1.0 - cosine * cosine;
+            let along = [
+                (a - cosine * b) / determinant,
+                (b - cosine * a) / determinant,
+            ];
+            add_scaled(u.map(|c| along[0] * c), along[1], *v)
+        }
+        ([u], [a]) => u.map(|c| a * c),
+        _ => [0.0; 3],
     }
 }
 
@@ -112,6 +142,43 @@ fn crossing(x: [f64; 3], direction: [f64; 3], [a, b, c]: [[f64; 3]; 3]) -> Optio
     let is_inside =
         first >= -tolerance && second >= -tolerance && first + second <= 1.0 + tolerance;
     is_inside.then(|| dot(v, q) / determinant)
+}
+
+/// Returns the distance of the first of other faults from `x` along a direction, and its name.
+fn nearest_fault<'a>(
+    x: [f64; 3],
+    direction: [f64; 3],
+    others: impl Iterator<Item = (&'a Sheet, &'a str)>,
+    [low, high]: [f64; 2],
+) -> Option<(f64, String)> {
+    let mut nearest: Option<(f64, &str)> = None;
+    for (sheet, name) in others {
+        for triangle in &sheet.triangles {
+            let found = crossing(x, direction, triangle.map(|n| sheet.nodes[n]));
+            if let Some(t) = found.filter(|t| (low..=high).contains(t))
+                && nearest.is_none_or(|(best, _)| t < best)
+            {
+                nearest = Some((t, name));
+            }
+        }
+    }
+    nearest.map(|(t, name)| (t, name.to_string()))
+}
+
+/// Returns the distance of the first side of a box from `x` along a direction, and its name.
+fn nearest_side(
+    x: [f64; 3],
+    direction: [f64; 3],
+    last: [f64; 3],
+    [low, high]: [f64; 2],
+) -> Option<(f64, String)> {
+    let distances = (0..6).map(|side| {
+        let (axis, plane) = (side / 2, [0.0, last[side / 2]][side % 2]);
+        ((plane - x[axis]) / direction[axis], side)
+    });
+    let near = distances.filter(|(t, _)| (low..=high).contains(t));
+    let nearest = near.min_by(|a, b| a.0.total_cmp(&b.0));
+    nearest.map(|(t, side)| (t, format!("side {}", SIDE_NAMES[side])))
 }
 
 /// Continues the faults among given surfaces, in sample coordinates, to sides of an image and to other
@@ -138,44 +205,39 @@ pub(super) fn continue_faults<const D: usize>(
         }
         let rim = sheet.rim();
         let mut ends: BTreeMap<usize, [f64; 3]> = BTreeMap::new();
-        let (mut way, mut targets) = (0.0f64, Vec::new());
-        for (node, direction) in sheet.outward_directions(&rim) {
+        let (mut longest, mut targets) = (0.0f64, Vec::new());
+        for (node, directions) in sheet.outward_directions(&rim) {
             let x = sheet.nodes[node];
             let tolerance = WELD_DISTANCE * sample;
             if (0..3).any(|k| x[k] < -tolerance || x[k] > last[k] + tolerance) {
                 continue;
             }
-            let mut target: Option<(f64, String)> = None;
-            for (other, sheet) in sheets.iter().enumerate() {
-                if other == index || surfaces[other].is_horizon {
-                    continue;
-                }
-                for triangle in &sheet.triangles {
-                    let found = crossing(x, direction, triangle.map(|n| sheet.nodes[n]));
-                    let found = found.filter(|t| (MIN_WAY * sample..=reach).contains(t));
-                    if let Some(t) = found
-                        && target.as_ref().is_none_or(|(best, _)| t < *best)
-                    {
-                        target = Some((t, surfaces[other].name.clone()));
-                    }
-                }
+            let found: Vec<Option<(f64, String)>> = directions
+                .iter()
+                .map(|direction| {
+                    let range = [MIN_STEP * sample, reach];
+                    let others = (0..sheets.len())
+                        .filter(|other| *other != index && !surfaces[*other].is_horizon);
+                    let others = others.map(|other| (&sheets[other], &*surfaces[other].name));
+                    nearest_fault(x, *direction, others, range)
+                        .or_else(|| nearest_side(x, *direction, last, range))
+                })
+                .collect();
+            if found.iter().all(Option::is_none) {
+                continue;
             }
-            if target.is_none() {
-                // A corner goes on to all sides that are near.
-                for side in 0..6 {
-                    let (axis, plane) = (side / 2, [0.0, last[side / 2]][side % 2]);
-                    let t = (plane - x[axis]) / direction[axis];
-                    let is_near = (MIN_WAY * sample..=reach).contains(&t);
-                    if is_near && target.as_ref().is_none_or(|(best, _)| t > *best) {
-                        target = Some((t, format!("side {}", SIDE_NAMES[side])));
-                    }
-                }
-            }
-            if let Some((t, name)) = target {
-                way = way.max(t);
+            let distance = |target: &Option<(f64, String)>| {
+                target.as_ref().map_or(0.0, |(t, _)| t + OVERSHOOT * sample)
+            };
+            let distances: Vec<f64> = found.iter().map(distance).collect();
+            for (t, name) in found.into_iter().flatten() {
+                longest = longest.max(t);
                 targets.push(name);
-                ends.insert(node, add_scaled(x, t + OVERSHOOT * sample, direction));
             }
+            ends.insert(
+                node,
+                add_scaled(x, 1.0, displacement(&directions, &distances)),
+            );
         }
         let mut added: Vec<[[f64; 3]; 3]> = Vec::new();
         for [a, b, _] in rim {
@@ -199,7 +261,7 @@ pub(super) fn continue_faults<const D: usize>(
         targets.dedup();
         continued.push(ContinuedSurface {
             index,
-            way,
+            longest,
             targets,
         });
     }
@@ -286,9 +348,9 @@ mod tests {
             (continued[0].index, &*continued[0].targets),
             (0, &["b".to_string()][..])
         );
-        assert!((continued[0].way - 3.0).abs() < 1.3, "{continued:?}");
+        assert!((continued[0].longest - 3.0).abs() < 1e-9, "{continued:?}");
         let added = area(&surfaces[0]) - before;
-        assert!((added / (3.3 * 39.0) - 1.0).abs() < 0.1, "{added}");
+        assert!((added / (3.3 * 39.0) - 1.0).abs() < 1e-9, "{added}");
         // A horizon is no target, and is not continued.
         surfaces[1].is_horizon = true;
         surfaces[0].triangles.truncate(4);

@@ -171,7 +171,7 @@ impl<const D: usize> Params<D> {
             format!(
                 "surface {} ends up to {:.1} samples from {}, and is continued to there (--extend-faults 0 leaves it as it is)",
                 given[continued.index].name,
-                continued.way / lengths[0],
+                continued.longest / lengths[0],
                 continued.targets.join(" and ")
             )
         }));

@@ -26,6 +26,10 @@ const BAND_WIDTH: f64 = 2.5;
 /// fault: the farther a plane reaches, the more must it rest on.
 const MIN_FIT_RADIUS: f64 = 4.0;
 
+/// Smallest cosine between the mean normal of a fault and the lines through the faces of a cell, weighted by
+/// area, from which these faces tell the side of the cell.
+const MIN_COSINE: f64 = 0.25;
+
 /// A fault that was extended.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ExtendedFault {
@@ -202,7 +206,7 @@ impl<'a, const D: usize> Continuations<'a, D> {
     }
 }
 
-/// What the division of cells into two sides spreads through.
+/// The connections through which the division of cells into two sides spreads.
 struct Spread<'a, const D: usize> {
     graph: &'a Graph<D>,
     cell_connections: &'a CellConnections,
@@ -277,6 +281,8 @@ struct FaultSheet<const D: usize> {
     /// Centre, normal and area of each face. The normals point to the same side of the fault.
     faces: Vec<([f64; D], [f64; D], f64)>,
     positions: Vec<[f64; D]>,
+    /// Mean normal.
+    mean: [f64; D],
     min_radius: f64,
     size: f64,
 }
@@ -320,6 +326,7 @@ impl<const D: usize> FaultSheet<D> {
             points: CellList::new(&positions, 2.0 * mean_size),
             faces,
             positions,
+            mean: unit(mean),
             min_radius: MIN_FIT_RADIUS * mean_size,
             size: norm(sub(high, low)).max(mean_size),
         })
@@ -361,27 +368,50 @@ impl<const D: usize> FaultSheet<D> {
         }
     }
 
+    /// Returns the side of a position relative to the plane that fits the nearest part of the fault.
+    fn side_of_plane(&self, x: [f64; D]) -> i8 {
+        let plane = self.plane_at(x);
+        if dot(sub(x, plane.point), plane.normal) < 0.0 {
+            -1
+        } else {
+            1
+        }
+    }
+
     /// Returns the side of each cell: -1 or 1 for cells near the fault or its continuation, 0 for others.
     fn sides(&self, spread: &Spread<'_, D>, max_distance: f64) -> Vec<i8> {
         let graph = spread.graph;
         let cells = graph.volume.len();
         let mut sides = vec![0i8; cells];
-        let mut touches = vec![false; cells];
-        let mut sums = vec![0.0f64; cells];
+        // Area of the faces of each cell on the fault, and this times the cosine between the mean
+        // normal and the line across.
+        let mut sums = vec![[0.0f64; 2]; cells];
         let mut front = VecDeque::new();
         let on_fault = graph.connections.iter().zip(spread.labels);
         let on_fault = on_fault.filter(|(_, label)| **label == self.surface);
-        for ((c, _), (_, normal, _)) in on_fault.zip(&self.faces) {
-            let sign = dot(c.normal, *normal).signum();
-            sums[c.cells[0] as usize] -= sign * c.area;
-            sums[c.cells[1] as usize] += sign * c.area;
+        for (c, _) in on_fault {
+            let [a, b] = c.cells.map(|cell| graph.site[cell as usize]);
+            let along = dot(unit(sub(b, a)), self.mean);
+            for (cell, sign) in c.cells.into_iter().zip([-1.0, 1.0]) {
+                let [area, across] = &mut sums[cell as usize];
+                *area += c.area;
+                *across += sign * along * c.area;
+            }
             front.extend(c.cells);
         }
+        // The side of a cell whose faces run across the fault follows from its neighbours.
+        let is_certain = |[area, across]: [f64; 2]| across.abs() > MIN_COSINE * area;
+        let touches: Vec<bool> = sums.iter().map(|sum| is_certain(*sum)).collect();
+        let mut is_tested = vec![false; cells];
         for &cell in &front {
-            sides[cell as usize] = if sums[cell as usize] < 0.0 { -1 } else { 1 };
-            touches[cell as usize] = true;
+            let cell = cell as usize;
+            is_tested[cell] = true;
+            sides[cell] = if touches[cell] {
+                if sums[cell][1] < 0.0 { -1 } else { 1 }
+            } else {
+                self.side_of_plane(graph.site[cell])
+            };
         }
-        let mut is_tested = touches.clone();
         while let Some(cell) = front.pop_front() {
             for (other, _) in spread.neighbours(cell) {
                 if std::mem::replace(&mut is_tested[other as usize], true) {
@@ -391,23 +421,10 @@ impl<const D: usize> FaultSheet<D> {
                 let plane = self.plane_at(site);
                 let offset = dot(sub(site, plane.point), plane.normal);
                 let band = BAND_WIDTH * cell_size::<D>(graph.volume[other as usize]);
-                if plane.distance > max_distance || offset.abs() > band {
-                    continue;
+                if plane.distance <= max_distance && offset.abs() <= band {
+                    sides[other as usize] = if offset < 0.0 { -1 } else { 1 };
+                    front.push_back(other);
                 }
-                // A rough fault deviates from the plane: cells beside it have the side of their
-                // neighbours at the fault, if these agree.
-                let near = spread.neighbours(other).map(|(cell, _)| cell as usize);
-                let near = near.filter(|cell| touches[*cell]).map(|cell| sides[cell]);
-                let [has_lower, has_upper] = near.fold([false; 2], |has, side| {
-                    [has[0] || side < 0, has[1] || side > 0]
-                });
-                sides[other as usize] = match (has_lower, has_upper) {
-                    (true, false) => -1,
-                    (false, true) => 1,
-                    _ if offset < 0.0 => -1,
-                    _ => 1,
-                };
-                front.push_back(other);
             }
         }
         flip_islands(spread, &mut sides, &touches);
@@ -415,8 +432,8 @@ impl<const D: usize> FaultSheet<D> {
     }
 }
 
-/// Gives cells the other side if no path through cells of their own side leads from them to the fault.
-/// They lie across a plane, but not across the fault.
+/// Gives cells the other side if no path through cells of their own side leads from them to a cell of which the
+/// fault tells the side. They lie across a plane, but not across the fault.
 fn flip_islands<const D: usize>(spread: &Spread<'_, D>, sides: &mut [i8], touches: &[bool]) {
     let connections = &spread.graph.connections;
     // An island may lie in an island, but not many times.

@@ -4,7 +4,7 @@
 //! The continuation of the fault divides the cells near it into those on its one and its other side.
 //! Its open faces form connected parts. A part that the fault surrounds is a hole. Another part
 //! reaches sides of the mesh or other faults: where the way from there back to the fault is short, it
-//! is a gap. The rest is where fluid flows round a tip, which is no leak of the fault.
+//! is a gap. The rest is where fluid flows around a tip, which is no leak of the fault.
 
 use std::collections::BTreeMap;
 
@@ -20,12 +20,14 @@ use crate::model::surface::fault_extension::{Continuation, ContinuationFace, Con
 const MAX_GAP: f64 = 5.0;
 /// Largest distance between neighbouring faces of a leak, in distances between nodes.
 const NEIGHBOUR_DISTANCE: f64 = 1.6;
-/// Longest way from a rim to the fault, over the shortest one.
-const MAX_OBLIQUE_WAY: f64 = 1.5;
+/// Longest distance from a rim to the fault across a gap, over the shortest one.
+const MAX_OBLIQUE_RATIO: f64 = 1.5;
 /// Distance within which a line meets a fault, in distances between nodes.
 const HIT_DISTANCE: f64 = 0.75;
 /// Distance along a rim over which it is decided whether there is a gap, in distances between nodes.
 const RIM_RADIUS: f64 = 2.5;
+/// Largest area of the corner of a gap over that of the gap.
+const MAX_CORNER_SHARE: f64 = 0.25;
 /// Smallest part of an outward direction in the fault. Below it, the fault runs along what it ends at.
 const MIN_TANGENT: f64 = 0.2;
 /// Smallest share of the rim nearby from which the fault is near, in a gap.
@@ -72,7 +74,7 @@ pub(super) struct FaultLeaks {
 struct RimPoint {
     point: [f64; 3],
     end: End,
-    /// The way to the fault, if the fault is near, seen from here.
+    /// The distance to the fault, if the fault is near, seen from here.
     width: Option<f64>,
 }
 
@@ -183,7 +185,7 @@ impl<'a> LeakFinder<'a> {
                     .for_each(|&index| causes[index] = Some(Cause::Hole));
             }
         }
-        let parts = self.parts(faces, |index| causes[index]);
+        let parts = self.joined_parts(faces, &mut causes);
         parts
             .into_iter()
             .map(|part| {
@@ -192,6 +194,41 @@ impl<'a> LeakFinder<'a> {
                 self.leak(cause, &faces, continuation, fault)
             })
             .collect()
+    }
+
+    /// Returns the connected parts of the faces with causes, one cause for each. A part at the corner of a gap,
+    /// where the gap meets other sides, belongs to the gap.
+    fn joined_parts(
+        &self,
+        faces: &[ContinuationFace<3>],
+        causes: &mut [Option<Cause>],
+    ) -> Vec<Vec<usize>> {
+        let area = |part: &[usize]| -> f64 {
+            let faces = part.iter().map(|index| &faces[*index]);
+            faces
+                .map(|face| self.area(face.connection, face.normal))
+                .sum()
+        };
+        for connected in self.parts(faces, |index| causes[index].map(|_| ())) {
+            let mut by_cause: BTreeMap<Cause, Vec<usize>> = BTreeMap::new();
+            for index in connected {
+                if let Some(cause) = causes[index] {
+                    by_cause.entry(cause).or_default().push(index);
+                }
+            }
+            let areas = by_cause.iter().map(|(cause, part)| (*cause, area(part)));
+            let largest = areas.max_by(|a, b| a.1.total_cmp(&b.1));
+            let Some((main, main_area)) = largest else {
+                continue;
+            };
+            for part in by_cause
+                .values()
+                .filter(|part| area(part) < MAX_CORNER_SHARE * main_area)
+            {
+                part.iter().for_each(|index| causes[*index] = Some(main));
+            }
+        }
+        self.parts(faces, |index| causes[index])
     }
 
     /// Returns the connected parts of the faces for which `group` is not `None`, among faces of equal
@@ -266,15 +303,15 @@ impl<'a> LeakFinder<'a> {
                     }
                     let inwards = along.map(|c| -c / length);
                     // Where the edge of the fault and what it ends at meet at a large angle, there is no
-                    // gap: the shortest way to the fault is much shorter.
+                    // gap: the fault is much nearer in another direction.
                     let tolerance = HIT_DISTANCE * spacing;
                     let longest =
-                        MAX_OBLIQUE_WAY * continuation.fault_distance(c.point) + tolerance;
+                        MAX_OBLIQUE_RATIO * continuation.fault_distance(c.point) + tolerance;
                     let longest = longest.min(MAX_GAP * spacing);
-                    let ways = (0..).map(|step| 0.5 * f64::from(step) * spacing);
-                    let mut ways = ways.take_while(|way| *way <= longest);
-                    let width = ways.find(|way| {
-                        let position = add_scaled(c.point, *way, inwards);
+                    let distances = (0..).map(|step| 0.5 * f64::from(step) * spacing);
+                    let mut distances = distances.take_while(|distance| *distance <= longest);
+                    let width = distances.find(|distance| {
+                        let position = add_scaled(c.point, *distance, inwards);
                         continuation.fault_distance(position) <= tolerance
                     });
                     rim.push(RimPoint {

@@ -2,7 +2,7 @@
 //!
 //! With one fault closed and all others open, the flow between its two sides has two parts: through
 //! leaks of the fault (holes in its faces, gaps between its edge and a side or a fault nearby,
-//! connections that a format cannot close), and round its ends, which is no fault of the seal.
+//! connections that a format cannot close), and around its ends, which is no leak.
 //!
 //! - `network`: cells and connections of any kind
 //! - `leaks`: places of the leaks
@@ -30,7 +30,7 @@ const MIN_LEAK: f64 = 1e-6;
 /// Number of compartments and of leaks of a fault that the table lists.
 const MAX_LISTED: usize = 8;
 
-/// Whether a closed fault seals.
+/// The verdict on a closed fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SealVerdict {
@@ -60,11 +60,11 @@ pub struct Leak {
 pub struct SealedFault {
     /// The name of the fault.
     pub fault: String,
-    /// Whether it seals.
+    /// The verdict.
     pub verdict: SealVerdict,
     /// Flow through the closed fault over the flow between its two sides while it is open.
     pub through: f64,
-    /// Flow round the ends of the closed fault, over the same.
+    /// Flow aaround the ends of the closed fault, over the same.
     pub around: f64,
     /// Area of its faces in m^2, with those of its extension.
     pub area: f64,
@@ -130,9 +130,9 @@ impl SealCheck {
                 SealVerdict::Leaks => format!("leaks {:.2} % of the flow", 100.0 * fault.through),
             };
             let around = if fault.around < MIN_LEAK {
-                "nothing flows round it".into()
+                "nothing flows around it".into()
             } else {
-                format!("{:.1} % flows round its ends", 100.0 * fault.around)
+                format!("{:.1} % flows around its ends", 100.0 * fault.around)
             };
             lines.push(format!(
                 "closed         {} ({:.3e} m^2, {:.1} % of its way to the next fault or side): {verdict}; {around}",

@@ -30,7 +30,7 @@ pub(crate) struct SealNetwork {
     pub has_tets: bool,
 }
 
-/// What the continuation of a fault ends at.
+/// A thing at which the continuation of a fault ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum End {
     /// A side of the mesh.

@@ -1,4 +1,4 @@
-//! The flow between the two sides of a fault, through its leaks and round its ends.
+//! The flow between the two sides of a fault, through its leaks and around its ends.
 //!
 //! Fluid enters all cells on one side of the fault, up to other faults and the sides of the mesh, and leaves
 //! all cells on the other, at a rate in proportion to their volumes. The conductance is the rate over the
@@ -18,7 +18,7 @@ use crate::progress::CancelToken;
 pub(super) struct Shares {
     /// The share through each leak of the closed fault.
     pub leaks: Vec<f64>,
-    /// The share round the ends of the closed fault.
+    /// The share around the ends of the closed fault.
     pub around: f64,
 }
 

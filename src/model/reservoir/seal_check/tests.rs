@@ -29,7 +29,7 @@ fn a_closed_fault_that_divides_the_mesh_passes_nothing() {
     assert_eq!(fault.covered_share, 1.0);
     assert_eq!((fault.through, fault.around), (0.0, 0.0));
     assert_eq!(seals.compartments.len(), 2);
-    assert!(seals.table().contains("sealed; nothing flows round it"));
+    assert!(seals.table().contains("sealed; nothing flows around it"));
     assert_eq!(seals.csv().lines().count(), 2);
     // A partial multiplier is no closed fault.
     let partial = FaultLaw::new(0.5, None).unwrap();
@@ -229,7 +229,7 @@ fn fault_of_check(kind: Cells, dip: f64, defect: Defect, random: &mut Random) ->
     }
     let goes_round = matches!(defect, Defect::FreeTip | Defect::GapToFault(_));
     if goes_round != (fault.around > 0.02) {
-        return problem("flow round it");
+        return problem("flow around it");
     }
     if !is_leaky {
         return None;

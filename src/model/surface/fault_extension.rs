@@ -13,6 +13,7 @@ use serde::Serialize;
 
 use crate::geometry::cell_list::CellList;
 use crate::geometry::counting_sort::sort_by_group;
+use crate::geometry::eigen::{eigenvalues, eigenvector};
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{add_scaled, bounding_box, dot, norm, sub, unit};
 use crate::mesh::graph::{Connection, Graph};
@@ -26,9 +27,15 @@ const BAND_WIDTH: f64 = 2.5;
 /// fault: the farther a plane reaches, the more must it rest on.
 const MIN_FIT_RADIUS: f64 = 4.0;
 
-/// Smallest cosine between the mean normal of a fault and the lines through the faces of a cell, weighted by
+/// Smallest cosine between the normal of a fault and the lines through the faces of a cell, weighted by
 /// area, from which these faces tell the side of the cell.
 const MIN_COSINE: f64 = 0.25;
+
+/// Largest ratio of the smallest to the second variance of positions on a fault that lie in a plane.
+const MAX_FLAT_RATIO: f64 = 0.5;
+
+/// Largest number of sweeps that correct the sides of cells at a fault. A few cells need one or two.
+const MAX_SWEEPS: usize = 8;
 
 /// A fault that was extended.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -281,8 +288,9 @@ struct FaultSheet<const D: usize> {
     /// Centre, normal and area of each face. The normals point to the same side of the fault.
     faces: Vec<([f64; D], [f64; D], f64)>,
     positions: Vec<[f64; D]>,
-    /// Mean normal.
-    mean: [f64; D],
+    /// Cosine between the line across each face, from its first to its second cell, and the normal of the
+    /// part of the fault nearby.
+    cosines: Vec<f64>,
     min_radius: f64,
     size: f64,
 }
@@ -305,29 +313,46 @@ impl<const D: usize> FaultSheet<D> {
         let sign = |c: &Connection<D>, mean: [f64; D]| {
             if dot(line(c), mean) < 0.0 { -1.0 } else { 1.0 }
         };
-        // The mean normal, up to its sign: each line is turned to the side of the sum so far.
-        let mut mean = line(first);
+        let volumes = on_fault.iter().flat_map(|c| c.cells);
+        let volume: f64 = volumes.map(|cell| graph.volume[cell as usize]).sum();
+        let mean_size = cell_size::<D>(volume / (2 * on_fault.len()) as f64);
+        let min_radius = MIN_FIT_RADIUS * mean_size;
+        let positions: Vec<[f64; D]> = on_fault.iter().map(|c| c.point).collect();
+        let points = CellList::new(&positions, 2.0 * mean_size);
+        // The positions of faces tell which way each face of a staircase points, and its normal does not.
+        let mut mean = flat_normal(positions.iter().copied()).unwrap_or_else(|| line(first));
         for _ in 0..2 {
             mean = on_fault.iter().fold([0.0; D], |sum, c| {
                 add_scaled(sum, sign(c, mean) * c.area, c.normal)
             });
         }
-        let faces: Vec<_> = on_fault
-            .iter()
-            .map(|c| (c.point, c.normal.map(|n| sign(c, mean) * n), c.area))
-            .collect();
-        let volumes = on_fault.iter().flat_map(|c| c.cells);
-        let volume: f64 = volumes.map(|cell| graph.volume[cell as usize]).sum();
-        let mean_size = cell_size::<D>(volume / (2 * on_fault.len()) as f64);
-        let positions: Vec<[f64; D]> = faces.iter().map(|face| face.0).collect();
+        let normal_at = |x: [f64; D]| {
+            let mut nearby = Vec::new();
+            points.visit_within(x, min_radius, |i| nearby.push(positions[i]));
+            let normal = flat_normal(nearby.into_iter()).unwrap_or(mean);
+            if dot(normal, mean) < 0.0 {
+                normal.map(|n| -n)
+            } else {
+                normal
+            }
+        };
+        let normals: Vec<[f64; D]> = positions.iter().map(|x| normal_at(*x)).collect();
+        let pairs = on_fault.iter().zip(&normals);
+        let cosines = pairs.map(|(c, normal)| dot(unit(line(c)), unit(*normal)));
+        let cosines: Vec<f64> = cosines.collect();
+        let faces = on_fault.iter().zip(&normals).map(|(c, normal)| {
+            let sign = sign(c, *normal);
+            (c.point, c.normal.map(|n| sign * n), c.area)
+        });
+        let faces: Vec<_> = faces.collect();
         let [low, high] = bounding_box(positions.iter().copied());
         Some(Self {
             surface,
-            points: CellList::new(&positions, 2.0 * mean_size),
+            points,
             faces,
             positions,
-            mean: unit(mean),
-            min_radius: MIN_FIT_RADIUS * mean_size,
+            cosines,
+            min_radius,
             size: norm(sub(high, low)).max(mean_size),
         })
     }
@@ -383,15 +408,12 @@ impl<const D: usize> FaultSheet<D> {
         let graph = spread.graph;
         let cells = graph.volume.len();
         let mut sides = vec![0i8; cells];
-        // Area of the faces of each cell on the fault, and this times the cosine between the mean
-        // normal and the line across.
+        // Area of the faces of each cell on the fault, and this times the cosine of the line across.
         let mut sums = vec![[0.0f64; 2]; cells];
         let mut front = VecDeque::new();
         let on_fault = graph.connections.iter().zip(spread.labels);
         let on_fault = on_fault.filter(|(_, label)| **label == self.surface);
-        for (c, _) in on_fault {
-            let [a, b] = c.cells.map(|cell| graph.site[cell as usize]);
-            let along = dot(unit(sub(b, a)), self.mean);
+        for ((c, _), along) in on_fault.zip(&self.cosines) {
             for (cell, sign) in c.cells.into_iter().zip([-1.0, 1.0]) {
                 let [area, across] = &mut sums[cell as usize];
                 *area += c.area;
@@ -427,8 +449,71 @@ impl<const D: usize> FaultSheet<D> {
                 }
             }
         }
+        correct_sides(spread, &mut sides, sums.iter().map(|[area, _]| *area > 0.0));
         flip_islands(spread, &mut sides, &touches);
         sides
+    }
+}
+
+/// Returns the normal of the plane near which positions lie, up to its sign, or `None` if they lie near none.
+fn flat_normal<const D: usize>(
+    positions: impl Iterator<Item = [f64; D]> + Clone,
+) -> Option<[f64; D]> {
+    let (sum, count) = (positions.clone()).fold(([0.0; D], 0.0), |(sum, count), x| {
+        (add_scaled(sum, 1.0, x), count + 1.0)
+    });
+    let centre = sum.map(|c| c / count);
+    let mut covariance = [[0.0; D]; D];
+    for x in positions {
+        let offset = sub(x, centre);
+        for (row, c) in covariance.iter_mut().zip(offset) {
+            *row = add_scaled(*row, c, offset);
+        }
+    }
+    let values = eigenvalues(&covariance);
+    let is_flat = values[0] < MAX_FLAT_RATIO * values[1];
+    is_flat.then(|| eigenvector(&covariance, values[0]))
+}
+
+/// Gives cells at a fault the side on which the fault passes between them and the other side. A line across a rough
+/// face may lead backwards. Such a cell meets its own side beyond the fault, and the other side where
+/// there is no fault: on the other side it does so over a smaller area.
+fn correct_sides<const D: usize>(
+    spread: &Spread<'_, D>,
+    sides: &mut [i8],
+    is_at_fault: impl Iterator<Item = bool>,
+) {
+    let numbered = (0u32..).zip(is_at_fault);
+    let cells: Vec<u32> = numbered
+        .filter_map(|(cell, is_at_fault)| is_at_fault.then_some(cell))
+        .collect();
+    for _ in 0..MAX_SWEEPS {
+        let mut is_corrected = false;
+        for &cell in &cells {
+            // Area of the faces that contradict the side of the cell, less that of the others.
+            let mut excess = 0.0;
+            for &index in spread.cell_connections.connections_at(cell) {
+                let index = index as usize;
+                let is_on_fault = spread.labels[index] == spread.surface;
+                if !is_on_fault && !spread.is_open(index) {
+                    continue;
+                }
+                let c = &spread.graph.connections[index];
+                let other = c.cells[usize::from(c.cells[0] == cell)];
+                let product = sides[cell as usize] * sides[other as usize];
+                let agreement = if is_on_fault { -product } else { product };
+                excess -= f64::from(agreement) * c.area;
+            }
+            // Faces of equal areas on both sides leave a cell as it is.
+            if excess > 1e-9 * spread.graph.volume[cell as usize].powf((D as f64 - 1.0) / D as f64)
+            {
+                sides[cell as usize] = -sides[cell as usize];
+                is_corrected = true;
+            }
+        }
+        if !is_corrected {
+            return;
+        }
     }
 }
 

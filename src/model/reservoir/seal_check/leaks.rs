@@ -17,7 +17,7 @@ use crate::model::surface::fault_extension::{Continuation, ContinuationFace, Con
 
 /// Widest gap between the edge of a fault and what it ends near, in distances between nodes. A
 /// wider one is a free end of the fault.
-const MAX_GAP: f64 = 5.0;
+const MAX_GAP: f64 = 4.0;
 /// Largest distance between neighbouring faces of a leak, in distances between nodes.
 const NEIGHBOUR_DISTANCE: f64 = 1.6;
 /// Longest distance from a rim to the fault across a gap, over the shortest one.
@@ -26,7 +26,7 @@ const MAX_OBLIQUE_RATIO: f64 = 1.5;
 const HIT_DISTANCE: f64 = 0.75;
 /// Distance along a rim over which it is decided whether there is a gap, in distances between nodes.
 const RIM_RADIUS: f64 = 2.5;
-/// Largest area of the corner of a gap over that of the gap.
+/// Largest area of the corner of a gap, or of the ragged end of a tip, over that of what it belongs to.
 const MAX_CORNER_SHARE: f64 = 0.25;
 /// Smallest part of an outward direction in the fault. Below it, the fault runs along what it ends at.
 const MIN_TANGENT: f64 = 0.2;
@@ -185,7 +185,8 @@ impl<'a> LeakFinder<'a> {
                     .for_each(|&index| causes[index] = Some(Cause::Hole));
             }
         }
-        let parts = self.joined_parts(faces, &mut causes);
+        let mut parts = self.joined_parts(faces, &mut causes);
+        self.remove_ragged_tips(faces, &causes, &mut parts);
         parts
             .into_iter()
             .map(|part| {
@@ -203,12 +204,7 @@ impl<'a> LeakFinder<'a> {
         faces: &[ContinuationFace<3>],
         causes: &mut [Option<Cause>],
     ) -> Vec<Vec<usize>> {
-        let area = |part: &[usize]| -> f64 {
-            let faces = part.iter().map(|index| &faces[*index]);
-            faces
-                .map(|face| self.area(face.connection, face.normal))
-                .sum()
-        };
+        let area = |part: &[usize]| self.total_area(faces, part);
         for connected in self.parts(faces, |index| causes[index].map(|_| ())) {
             let mut by_cause: BTreeMap<Cause, Vec<usize>> = BTreeMap::new();
             for index in connected {
@@ -229,6 +225,41 @@ impl<'a> LeakFinder<'a> {
             }
         }
         self.parts(faces, |index| causes[index])
+    }
+
+    /// Returns the area of some of the faces in m^2, projected onto the fault.
+    fn total_area(&self, faces: &[ContinuationFace<3>], part: &[usize]) -> f64 {
+        let faces = part.iter().map(|index| &faces[*index]);
+        let areas = faces.map(|face| self.area(face.connection, face.normal));
+        areas.sum()
+    }
+
+    /// Removes the gaps that are no longer along the rim than [`RIM_RADIUS`] and are parts of a much larger free end
+    /// of the fault. The edge of a tip is ragged, so that single faces of it may be near a side.
+    fn remove_ragged_tips(
+        &self,
+        faces: &[ContinuationFace<3>],
+        causes: &[Option<Cause>],
+        parts: &mut Vec<Vec<usize>>,
+    ) {
+        // The area of the free end to which each face belongs.
+        let mut free_areas = vec![0.0; faces.len()];
+        for connected in self.parts(faces, |_| Some(())) {
+            let free = connected.iter().copied();
+            let free: Vec<usize> = free.filter(|index| causes[*index].is_none()).collect();
+            let area = self.total_area(faces, &free);
+            connected.iter().for_each(|&index| free_areas[index] = area);
+        }
+        parts.retain(|part| {
+            let points = || {
+                part.iter()
+                    .map(|index| self.point(faces[*index].connection))
+            };
+            let radius = RIM_RADIUS * self.spacing_at(faces[part[0]].connection);
+            let is_short = points().all(|a| points().all(|b| norm(sub(a, b)) <= radius));
+            let free_area = free_areas[part[0]];
+            !is_short || self.total_area(faces, part) >= MAX_CORNER_SHARE * free_area
+        });
     }
 
     /// Returns the connected parts of the faces for which `group` is not `None`, among faces of equal

@@ -64,7 +64,7 @@ pub struct SealedFault {
     pub verdict: SealVerdict,
     /// Flow through the closed fault over the flow between its two sides while it is open.
     pub through: f64,
-    /// Flow aaround the ends of the closed fault, over the same.
+    /// Flow around the ends of the closed fault, over the same.
     pub around: f64,
     /// Area of its faces in m^2, with those of its extension.
     pub area: f64,

@@ -109,7 +109,8 @@ impl<'a> JuxtapositionMap<'a> {
     /// Writes the map: a table (.csv), surfaces (.vtp) or a picture (.png).
     ///
     /// # Errors
-    /// Returns [`Error::Io`] if the file cannot be written.
+    /// Returns [`Error::Io`] if the file cannot be written, and [`Error::Export`] for a picture that would be far
+    /// too large.
     pub fn write(&self, path: &Path, frame: &ModelFrame) -> Result<()> {
         if has_extension(path, &["csv"]) {
             let table = self.table();
@@ -117,7 +118,7 @@ impl<'a> JuxtapositionMap<'a> {
         } else if has_extension(path, &["vtp"]) {
             write_vtp(path, &self.surfaces(frame))
         } else {
-            self.picture().map_or(Ok(()), |canvas| canvas.write(path))
+            self.picture()?.write(path)
         }
     }
 
@@ -216,8 +217,11 @@ impl<'a> JuxtapositionMap<'a> {
     }
 
     /// Draws the faults one below another: along strike to the right, depth downwards, and a colour for each
-    /// pair of zones. Returns `None` if the picture would be far too large.
-    fn picture(&self) -> Option<Canvas> {
+    /// pair of zones.
+    ///
+    /// # Errors
+    /// Returns [`Error::Export`] if the picture would be far too large.
+    fn picture(&self) -> Result<Canvas> {
         let mut pairs: Vec<[i32; 2]> = self.contacts.iter().map(|c| c.zones).collect();
         pairs.sort_unstable();
         pairs.dedup();
@@ -226,7 +230,13 @@ impl<'a> JuxtapositionMap<'a> {
         let legend = LINE_HEIGHT * (named + 2) as f32;
         let map = MAP_HEIGHT + 2.0 * MARGIN;
         let height = legend + map * faults.len() as f32;
-        let mut canvas = Canvas::new(PICTURE_WIDTH, height as u32)?;
+        let mut canvas = Canvas::new(PICTURE_WIDTH, height as u32).ok_or_else(|| {
+            Error::Export(cause(
+                "juxtaposition",
+                format!("a picture of {} faults is too large", faults.len()),
+                "write a table (.csv) or surfaces (.vtp)",
+            ))
+        })?;
         for (number, pair) in pairs.iter().take(named).enumerate() {
             let y = 0.5 * LINE_HEIGHT + LINE_HEIGHT * number as f32;
             let corners = [
@@ -243,7 +253,7 @@ impl<'a> JuxtapositionMap<'a> {
         for (number, contacts) in faults.iter().enumerate() {
             self.draw_fault(&mut canvas, contacts, &pairs, legend + map * number as f32);
         }
-        Some(canvas)
+        Ok(canvas)
     }
 
     fn draw_fault(&self, canvas: &mut Canvas, contacts: &[Contact], pairs: &[[i32; 2]], top: f32) {

@@ -231,7 +231,7 @@ fn the_certificate_is_right_on_all_kinds_of_cells() {
     let mut cases = Vec::new();
     for (index, dip) in [90.0, 77.0, 63.0, 52.0, 40.0].into_iter().enumerate() {
         let turn = [0.0, 0.1, -0.15, 0.05, 0.2][index];
-        let width = [5.0, 7.5, 10.0, 12.5, 15.0][index];
+        let width: f64 = [5.0, 7.5, 10.0, 12.5, 15.0][index];
         cases.extend([
             (dip, turn, Defect::None),
             (dip, turn, Defect::FreeTip),

@@ -362,13 +362,22 @@ impl Model {
                 names.check("throw", selector)?;
             }
         }
+        let is_upper = self.second_cell_is_upper();
+        let extensions = &self.surfaces.extensions;
+        let throw_of = |surface: usize| SurfaceThrow::of_surface(throws, &names, surface);
         let mut fault_rocks = Vec::new();
         let mut face_rocks = Vec::new();
         for surface in 0..names.kinds.len() {
-            let Some(throw) = SurfaceThrow::of_surface(throws, &names, surface) else {
+            let Some(throw) = throw_of(surface) else {
                 continue;
             };
-            let faces = self.fault_faces(surface as u32 + 1, clay);
+            let number = surface as u32 + 1;
+            // An extension without a throw of its own has that of its fault.
+            let is_part = |part: u32| {
+                part == number
+                    || extensions.contains(&(part, number)) && throw_of(part as usize - 1).is_none()
+            };
+            let faces = self.fault_faces(is_part, &is_upper, clay);
             if faces.is_empty() {
                 continue;
             }
@@ -463,17 +472,22 @@ impl Model {
         rocks.into_iter().flatten().collect()
     }
 
-    /// Returns the faces of a surface with the clay of their two walls. The hanging wall is the
-    /// upper one.
-    fn fault_faces(&self, surface: u32, clay: &[f64]) -> Vec<FaultFace> {
+    /// Returns the faces of the surfaces for which `is_part`, with the clay of their two walls. The hanging wall is
+    /// on the upper side.
+    fn fault_faces(
+        &self,
+        is_part: impl Fn(u32) -> bool,
+        is_upper: &[bool],
+        clay: &[f64],
+    ) -> Vec<FaultFace> {
+        let surfaces = &self.surfaces.connection_surfaces;
         let connections = self.graph.connections.iter().enumerate();
-        let on_surface =
-            connections.filter(|(index, _)| self.surfaces.connection_surfaces[*index] == surface);
+        let on_fault = connections.filter(|(index, _)| is_part(surfaces[*index]));
         let face = |(connection, c): (usize, &crate::mesh::graph::Connection<3>)| {
             let nodes = self.mesh.faces.get(c.face as usize);
-            let [x, y, z] = c.normal;
+            let [x, y, _] = c.normal;
             let horizontal = x.hypot(y);
-            let upper = usize::from(z > 0.0);
+            let upper = usize::from(is_upper[connection]);
             FaultFace {
                 connection,
                 strike: if horizontal > 0.0 {
@@ -486,7 +500,7 @@ impl Model {
                 clay: [upper, 1 - upper].map(|side| clay[c.cells[side] as usize]),
             }
         };
-        on_surface.map(face).collect()
+        on_fault.map(face).collect()
     }
 }
 

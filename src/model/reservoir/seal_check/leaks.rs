@@ -33,6 +33,10 @@ const MIN_TANGENT: f64 = 0.2;
 /// Smallest share of the rim nearby from which the fault is near, in a gap.
 const MIN_GAP_SHARE: f64 = 0.6;
 
+/// Largest number of distances that are tried to close a leak, each larger than the one before by this factor.
+const MAX_TRIALS: usize = 8;
+const TRIAL_FACTOR: f64 = 1.4;
+
 /// The reason of a leak.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Cause {
@@ -55,8 +59,8 @@ pub(super) struct LeakFaces {
     pub area: f64,
     /// Centre in metres.
     pub centre: [f64; 3],
-    /// Distance in metres by which the fault must be extended to close the leak.
-    pub extension_distance: f64,
+    /// Distance in metres between the fault and the farthest cell at the leak.
+    pub farthest: f64,
 }
 
 /// A fault and its continuation.
@@ -141,6 +145,31 @@ impl<'a> LeakFinder<'a> {
                 .sum(),
             sides: continuation.sides,
         })
+    }
+
+    /// Returns the distance in metres, rounded up, by which a fault must be extended to close a leak.
+    pub fn closing_distance(&self, fault: u32, leak: &LeakFaces) -> f64 {
+        // Faults are extended in space as it is.
+        let continuations = Continuations::new(&self.network.graph);
+        let closes = |distance: f64| {
+            let (labels, is_barrier) = (&self.labels, &self.is_barrier);
+            let next = continuations.of_fault(labels, is_barrier, fault, distance);
+            let faces = next.map_or_else(Vec::new, |next| next.faces);
+            let mut connections = leak.connections.iter().map(|(index, _)| index);
+            // The faces are ordered by their connections.
+            connections.all(|index| {
+                let found = faces.binary_search_by_key(index, |face| face.connection);
+                found.is_ok()
+            })
+        };
+        let mut distance = rounded_up(leak.farthest);
+        for _ in 1..MAX_TRIALS {
+            if closes(distance) {
+                break;
+            }
+            distance = rounded_up(TRIAL_FACTOR * distance);
+        }
+        distance
     }
 
     /// Returns the area of a connection in m^2, projected onto the fault with this normal in
@@ -453,7 +482,23 @@ impl<'a> LeakFinder<'a> {
             connections: connections.collect(),
             area: areas.iter().sum(),
             centre: SealNetwork::mean_position(areas.iter().copied().zip(points)),
-            extension_distance: distances.fold(0.0, f64::max),
+            farthest: distances.fold(0.0, f64::max),
         }
+    }
+}
+
+/// Returns a positive distance rounded up to two digits.
+fn rounded_up(distance: f64) -> f64 {
+    let exponent = distance.max(f64::MIN_POSITIVE).log10().floor() as i32 - 1;
+    // A power of ten with a negative exponent is not exact, so that its inverse is used.
+    let digits = if exponent < 0 {
+        (distance * 10f64.powi(-exponent)).floor() + 1.0
+    } else {
+        (distance / 10f64.powi(exponent)).floor() + 1.0
+    };
+    if exponent < 0 {
+        digits / 10f64.powi(-exponent)
+    } else {
+        digits * 10f64.powi(exponent)
     }
 }

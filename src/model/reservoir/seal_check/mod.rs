@@ -288,7 +288,7 @@ fn sealed_faults(
                 },
                 remedy: match leak.cause {
                     Cause::LostConnection => "--to opm".into(),
-                    _ => format!("--extend-faults {}", rounded_up(leak.extension_distance)),
+                    _ => format!("--extend-faults {}", finder.closing_distance(fault, leak)),
                 },
             })
             .collect();
@@ -309,22 +309,6 @@ fn sealed_faults(
         });
     }
     Ok(faults)
-}
-
-/// Returns a positive distance rounded up to two digits.
-fn rounded_up(distance: f64) -> f64 {
-    let exponent = distance.max(f64::MIN_POSITIVE).log10().floor() as i32 - 1;
-    // A power of ten with a negative exponent is not exact, so that its inverse is used.
-    let digits = if exponent < 0 {
-        (distance * 10f64.powi(-exponent)).floor() + 1.0
-    } else {
-        (distance / 10f64.powi(exponent)).floor() + 1.0
-    };
-    if exponent < 0 {
-        digits / 10f64.powi(-exponent)
-    } else {
-        digits * 10f64.powi(exponent)
-    }
 }
 
 fn compartments(model: &Model) -> Vec<Compartment> {

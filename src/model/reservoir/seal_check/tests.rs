@@ -273,9 +273,9 @@ fn fault_of_check(kind: Cells, dip: f64, defect: Defect, random: &mut Random) ->
     None
 }
 
-#[test]
-fn the_verdict_and_the_place_of_leaks_are_right_in_48_random_models() {
-    let mut random = Random::new(5);
+/// Returns what is wrong with the checks of 48 random models.
+fn problems(seed: u64) -> Vec<String> {
+    let mut random = Random::new(seed);
     let mut problems = Vec::new();
     for number in 0..48 {
         let kind = [Cells::Tetrahedra, Cells::Voronoi, Cells::CornerPoints][number % 3];
@@ -291,8 +291,29 @@ fn the_verdict_and_the_place_of_leaks_are_right_in_48_random_models() {
                 _ => Defect::GapToSide([4, 5][number / 24], width),
             }
         };
-        problems.extend(fault_of_check(kind, dip, defect, &mut random));
+        let problem = fault_of_check(kind, dip, defect, &mut random);
+        problems.extend(problem.map(|problem| format!("seed {seed}, model {number}: {problem}")));
     }
+    problems
+}
+
+#[test]
+fn the_verdict_and_the_place_of_leaks_are_right_in_48_random_models() {
+    let problems = problems(5);
+    assert!(
+        problems.is_empty(),
+        "{} wrong\n{}",
+        problems.len(),
+        problems.join("\n")
+    );
+}
+
+#[test]
+#[ignore = "slow: make test-all"]
+fn leaks_are_found_in_models_of_other_seeds() {
+    let seeds = std::env::var("SEEDS").unwrap_or("11,12,13".into());
+    let seeds: Vec<u64> = seeds.split(',').map(|s| s.parse().unwrap()).collect();
+    let problems: Vec<String> = seeds.into_iter().flat_map(problems).collect();
     assert!(
         problems.is_empty(),
         "{} wrong\n{}",

@@ -323,3 +323,82 @@ fn a_fault_that_ends_near_a_side_or_a_fault_is_continued_to_it() {
         assert_eq!(fault(&check(folder, "opm", ""), "main")["verdict"], "leaks");
     }
 }
+
+/// Depth of burial of the beds' clay fraction, before the fault moved.
+fn clay(depth: f64) -> f64 {
+    0.3 + 0.25 * (std::f64::consts::TAU * depth / 30.0).sin()
+}
+
+/// Returns the transmissibility in m^3 of a fault between depths 0 and `height` and `0..length` along y: the law of
+/// Manzocchi and others integrated over it.
+fn integrated_transmissibility(plane: &Plane, throw: f64, [length, height]: [f64; 2]) -> f64 {
+    let mean_clay = |low: f64, high: f64| {
+        let n = 400;
+        let depths = (0..n).map(|i| low + (high - low) * (f64::from(i) + 0.5) / f64::from(n));
+        depths.map(clay).sum::<f64>() / f64::from(n)
+    };
+    let steps = 4000;
+    let dz = height / f64::from(steps);
+    let slope = 1.0 / plane.dip.to_radians().tan();
+    let area_per_height = length * (1.0 + slope.powi(2) + plane.turn.powi(2)).sqrt();
+    let mut sum = 0.0;
+    for i in 0..steps {
+        let z = dz * (f64::from(i) + 0.5);
+        // The rock that slipped past is in the hanging wall from z to z + throw, moved down by the throw, and in the
+        // footwall from z - throw to z. In the mesh are depths from 0 to `height`.
+        let [hanging, foot] = [(height - z).min(throw), z.min(throw)];
+        let ratio = (hanging * mean_clay(z - throw, z - throw + hanging)
+            + foot * mean_clay(z - foot, z))
+            / (hanging + foot);
+        let log_k = -4.0 * ratio - 0.25 * throw.log10() * (1.0 - ratio).powi(5);
+        sum += 9.869_233e-16 * 10f64.powf(log_k) * dz;
+    }
+    sum * area_per_height / (throw / 66.0)
+}
+
+#[test]
+fn the_transmissibility_of_a_fault_is_the_law_integrated_over_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let (dims, throw) = ([72, 61, 61], 20.0);
+    let plane = Plane {
+        dip: 70.0,
+        turn: 0.05,
+    };
+    let point = |y: f64, z: f64| plane.point(y, z);
+    write_surface(&folder.join("main.ts"), "main", point, |_, _| true);
+    write_npy(&folder.join("image.npy"), dims, |_| 0.0);
+    write_npy(&folder.join("clay.npy"), dims, |x| {
+        let [x, y, z] = x.map(|c| c as f64);
+        let is_hanging = x > plane.point(y, z)[0];
+        clay(if is_hanging { z - throw } else { z }) as f32
+    });
+    let exact = integrated_transmissibility(&plane, throw, [60.0, 60.0]);
+    let mut wrong = Vec::new();
+    for cells in ["voronoi", "tets"] {
+        for distance in [6, 12] {
+            run(
+                folder,
+                &format!(
+                    "mesh image.npy -o mesh.vtu --surface main.ts:main,fault --feature none \
+                     --distance {distance} --cells {cells} --quiet"
+                ),
+            );
+            run(
+                folder,
+                "export mesh.vtu --to opm -o CASE.DATA --down z --depth-at-top 1000 --porosity 0.2 \
+                 --permeability 1e7 --permeability-unit mD --faults closed --throw main:20 \
+                 --clay clay.npy --juxtaposition allan.csv --quiet",
+            );
+            let table = std::fs::read_to_string(folder.join("allan.csv")).unwrap();
+            let rows = table.lines().skip(1);
+            let rows: Vec<&str> = rows.filter(|row| row.starts_with("main,")).collect();
+            let values = rows.iter().map(|row| row.rsplit_once(',').unwrap().1);
+            let sum: f64 = values.map(|t| t.parse::<f64>().unwrap()).sum();
+            if (sum / exact - 1.0).abs() > 0.02 {
+                wrong.push(format!("{cells} {distance}: {}", sum / exact));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:?}");
+}

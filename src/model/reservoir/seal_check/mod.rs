@@ -293,7 +293,8 @@ fn sealed_faults(
             })
             .collect();
         leaks.sort_by(|a, b| b.share.total_cmp(&a.share));
-        let through: f64 = leaks.iter().map(|leak| leak.share).sum();
+        // The sum of nothing is -0.
+        let through = leaks.iter().fold(0.0, |sum, leak| sum + leak.share);
         faults.push(SealedFault {
             fault: network.name(fault),
             verdict: if leaks.is_empty() {

@@ -74,7 +74,7 @@ fn write_surface(
     has: impl Fn(f64, f64) -> bool,
 ) {
     let step = 0.5;
-    let (rows, columns) = (70, 160);
+    let (rows, columns) = (128, 160);
     let place = |i: usize| -2.0 + step * i as f64;
     let mut text = format!("GOCAD TSurf 1\nHEADER {{\nname:{name}\n}}\nTFACE\n");
     for row in 0..=rows {

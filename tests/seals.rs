@@ -1,12 +1,14 @@
 //! Tests of `export --check-seals` on meshes of given faults with known holes, gaps and free ends, and of
 //! faults that `mesh` continues to what they end near.
 
+use std::ffi::OsStr;
 use std::fmt::Write;
 use std::path::Path;
+use std::process::Command;
 
 use serde_json::Value;
 
-use crate::common::{run, write_npy};
+use crate::common::{numbers, run, run_simulator, run_validator, write_npy};
 
 const DIMS: [usize; 3] = [64, 44, 30];
 /// Distance between nodes, in samples.
@@ -401,4 +403,49 @@ fn the_transmissibility_of_a_fault_is_the_law_integrated_over_it() {
         }
     }
     assert!(wrong.is_empty(), "{wrong:?}");
+}
+
+#[test]
+#[ignore = "needs OPM Flow, resfo and SciPy: make test-all"]
+fn opm_flow_has_two_compartments_if_a_fault_is_sealed_and_one_if_it_leaks() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let plane = Plane {
+        dip: 65.0,
+        turn: 0.1,
+    };
+    let defects = [
+        Defect::None,
+        Defect::FreeTip,
+        Defect::Hole(12.0),
+        Defect::GapToSide(8.0),
+    ];
+    for defect in defects {
+        for cells in ["tets", "voronoi"] {
+            make_mesh(folder, &plane, defect, cells, "--extend-faults 0 --quiet");
+            for format in ["opm", "grdecl"] {
+                if (cells, format) == ("tets", "grdecl") {
+                    continue;
+                }
+                let report = check(folder, format, "");
+                let main = fault(&report, "main");
+                let is_closed = main["verdict"] == "sealed" && main["around"] == 0.0;
+                let mut flow = Command::new("flow");
+                flow.current_dir(folder).args([
+                    "CASE.DATA",
+                    "--output-dir=out",
+                    "--threads-per-process=1",
+                ]);
+                run_simulator(&mut flow);
+                let out = folder.join("out");
+                let arguments = [out.as_os_str(), OsStr::new("CASE")];
+                let result = run_validator("resfo and SciPy", "compartments.py", &arguments);
+                let volumes = numbers(&result["porv"]);
+                let total: f64 = volumes.iter().sum();
+                let count = volumes.iter().filter(|v| **v > 0.01 * total).count();
+                let expected = if is_closed { 2 } else { 1 };
+                assert_eq!(count, expected, "{cells} {format} {defect:?}: {main}");
+            }
+        }
+    }
 }

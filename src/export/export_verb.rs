@@ -14,7 +14,7 @@ use crate::error::cause;
 use crate::files::atomic_write;
 use crate::mesh_file::{CellChoice, take_cells, with_mesh};
 use crate::model::flow::FaultResistance;
-use crate::model::reservoir::gouge::FaultRockRule;
+use crate::model::reservoir::gouge::{FaultRockRule, RockClay};
 use crate::model::reservoir::rock_options::FilledRock;
 use crate::model::reservoir::space_options::check_depth;
 use crate::model::reservoir::{
@@ -101,7 +101,12 @@ pub fn export<'a>(
     prepared.model.set_faults(&laws)?;
     let mut face_rocks = Vec::new();
     if let Some(clay) = &spec.gouge.clay {
-        let clay = (spec.rock).cell_values("clay", clay, &prepared, read_image, progress)?;
+        let cells = (spec.rock).cell_values("clay", clay, &prepared, read_image, progress)?;
+        let image = spec.rock.probe(clay, &prepared, read_image)?;
+        let clay = RockClay {
+            cells: &cells,
+            image: image.as_ref(),
+        };
         let throws = spec.gouge.throws(&prepared.frame)?;
         let rule = FaultRockRule {
             law: spec.gouge.fault_rock.unwrap_or_default(),
@@ -109,7 +114,7 @@ pub fn export<'a>(
             rock: filled.rock.as_ref(),
         };
         let fault_rocks;
-        (fault_rocks, face_rocks) = prepared.model.set_fault_rock(&clay, &throws, rule)?;
+        (fault_rocks, face_rocks) = prepared.model.set_fault_rock(clay, &throws, rule)?;
         fault_rocks
             .iter()
             .for_each(|rock| progress.note(&rock.note()));

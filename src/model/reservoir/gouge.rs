@@ -4,7 +4,7 @@
 //! SGR is the mean clay fraction of the rock that has slipped past a point of the fault (Yielding,
 //! Freeman and Needham 1997). With the throw t and depth z, this is the hanging wall between z and
 //! z + t, or the footwall between z - t and z. Both walls are sampled by the cells along the
-//! fault at the same place along strike, and the mean of all samples counts: near the top and the bottom of
+//! fault, or by the image of the clay beside it, at the same place along strike, and the mean of all samples counts: near the top and the bottom of
 //! the mesh one of the two walls lies outside.
 //!
 //! Permeability in mD is that of Manzocchi, Walsh, Nell and Yielding (1999) or of Sperrevik,
@@ -18,7 +18,7 @@
 //! Here z_max is the largest depth of burial, and z_f the depth when the fault was active, in metres. The
 //! thickness is t / 66 (Manzocchi et al. 1999). The law is integrated over each face: pieces of a face, each
 //! with its own SGR, conduct side by side. So the transmissibility of a fault does not depend on the size of
-//! cells, as far as these resolve the clay.
+//! cells, if an image gives the clay; without an image, cells must resolve it.
 
 use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
@@ -28,6 +28,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::parallel::prelude::*;
 
+use super::averaging::ImageProbe;
 use super::fault_throws::{MIN_THROW, SurfaceThrow, ThrowSource, read_throws};
 use super::gouge_profile::{ClayProfile, FaultFace};
 use super::{CellValue, MILLIDARCY, Model, ModelFrame};
@@ -42,6 +43,8 @@ use crate::option_text::{InvalidValue, parse_number};
 use crate::surface_file::has_extension;
 use crate::{Error, Result};
 
+/// Smallest horizontal part of the normal of a face (dip 30 degrees) beside which beds lie flat.
+const MIN_HORIZONTAL: f64 = 0.5;
 /// Throw over thickness of the fault rock (Manzocchi et al. 1999).
 const THROW_PER_THICKNESS: f64 = 66.0;
 
@@ -312,6 +315,15 @@ impl FaultRock {
     }
 }
 
+/// The clay fraction of the rock.
+#[derive(Clone, Copy)]
+pub(crate) struct RockClay<'a> {
+    /// The clay fraction of each cell.
+    pub cells: &'a [f64],
+    /// The image that gives it, if one does.
+    pub image: Option<&'a ImageProbe>,
+}
+
 /// How fault rock follows from clay and throw.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct FaultRockRule<'a> {
@@ -345,14 +357,15 @@ impl Model {
     /// [`Error::Export`] for a clay fraction outside [0, 1].
     pub(crate) fn set_fault_rock(
         &mut self,
-        clay: &[f64],
+        clay: RockClay<'_>,
         throws: &[ThrowSource],
         rule: FaultRockRule<'_>,
     ) -> Result<(Vec<FaultRock>, Vec<FaceRock>)> {
-        if let Some(cell) = clay.iter().position(|v| !(0.0..=1.0).contains(v)) {
+        let is_outside = |v: &f64| !(0.0..=1.0).contains(v);
+        if let Some(cell) = clay.cells.iter().position(is_outside) {
             return Err(Error::Export(cause(
                 "clay",
-                format!("is {} in cell {cell}", clay[cell]),
+                format!("is {} in cell {cell}", clay.cells[cell]),
                 "give fractions from 0 to 1",
             )));
         }
@@ -377,11 +390,11 @@ impl Model {
                 part == number
                     || extensions.contains(&(part, number)) && throw_of(part as usize - 1).is_none()
             };
-            let faces = self.fault_faces(is_part, &is_upper, clay);
+            let faces = self.fault_faces(is_part, &is_upper, clay.cells);
             if faces.is_empty() {
                 continue;
             }
-            let rocks = self.face_rocks(&faces, &throw, rule);
+            let rocks = self.face_rocks(&faces, clay.image, &throw, rule);
             let name = names.names.get(surface).cloned();
             let name = name.unwrap_or_else(|| "scraps".into());
             fault_rocks.extend(self.fault_rock(name, &rocks));
@@ -421,10 +434,11 @@ impl Model {
     fn face_rocks(
         &self,
         faces: &[FaultFace],
+        image: Option<&ImageProbe>,
         throw: &SurfaceThrow<'_>,
         rule: FaultRockRule<'_>,
     ) -> Vec<FaceRock> {
-        let profile = ClayProfile::new(faces);
+        let profile = ClayProfile::new(faces, image);
         let face_rock = |face: &FaultFace| {
             let c = &self.graph.connections[face.connection];
             let throw = throw.at(c.point);
@@ -485,9 +499,16 @@ impl Model {
         let on_fault = connections.filter(|(index, _)| is_part(surfaces[*index]));
         let face = |(connection, c): (usize, &crate::mesh::graph::Connection<3>)| {
             let nodes = self.mesh.faces.get(c.face as usize);
-            let [x, y, _] = c.normal;
+            let [x, y, z] = c.normal;
             let horizontal = x.hypot(y);
             let upper = usize::from(is_upper[connection]);
+            // Normals lead from the first cell to the second.
+            let sign = if is_upper[connection] { 1.0 } else { -1.0 };
+            let across = if horizontal > MIN_HORIZONTAL {
+                [x, y, 0.0].map(|n| sign * n / horizontal.powi(2))
+            } else {
+                [x, y, z].map(|n| sign * n)
+            };
             FaultFace {
                 connection,
                 strike: if horizontal > 0.0 {
@@ -498,6 +519,7 @@ impl Model {
                 area: c.area,
                 corners: nodes.iter().map(|&n| self.mesh.nodes[n as usize]).collect(),
                 clay: [upper, 1 - upper].map(|side| clay[c.cells[side] as usize]),
+                across,
             }
         };
         on_fault.map(face).collect()
@@ -522,6 +544,7 @@ mod tests {
                 area: size * size,
                 corners: corners.map(corner).to_vec(),
                 clay: clay(top + 0.5 * size),
+                across: [1.0, 0.0, 0.0],
             }
         };
         (0..columns * rows).map(face).collect()
@@ -535,7 +558,7 @@ mod tests {
 
     #[test]
     fn the_gouge_ratio_is_the_mean_clay_that_slipped_past() {
-        let profile = ClayProfile::new(&faces(1.0, bed));
+        let profile = ClayProfile::new(&faces(1.0, bed), None);
         let exact = |depth: f64| (depth.min(14.0) - (depth - 8.0).max(10.0)).max(0.0) / 8.0;
         for i in 0..240 {
             // Walls that reach beyond the mesh have no samples there.
@@ -550,7 +573,7 @@ mod tests {
 
     #[test]
     fn a_thick_bed_is_smeared_and_a_thin_one_is_not() {
-        let profile = ClayProfile::new(&faces(1.0, bed));
+        let profile = ClayProfile::new(&faces(1.0, bed), None);
         let at = |depth: f64, factor: f64| profile.smear([3.0, 7.3, -depth], 8.0, factor);
         // The bed of 4 m is continuous up to a throw of 28 m.
         assert_eq!(at(16.0, 7.0), Some(1.0));
@@ -588,7 +611,7 @@ mod tests {
         };
         for size in [1.0, 2.0, 4.0] {
             let faces = faces(size, beds);
-            let profile = ClayProfile::new(&faces);
+            let profile = ClayProfile::new(&faces, None);
             let pieces = faces
                 .iter()
                 .flat_map(|face| face.pieces(2.0 * profile.height));
@@ -674,7 +697,9 @@ mod tests {
             rock: Some(&rock),
             ..FaultRockRule::default()
         };
-        let (rocks, _) = model.set_fault_rock(&[0.3, 0.3], &throws, rule).unwrap();
+        let clay = |cells: &'static [f64]| RockClay { cells, image: None };
+        let uniform = clay(&[0.3, 0.3]);
+        let (rocks, _) = model.set_fault_rock(uniform, &throws, rule).unwrap();
         let k = FaultRockLaw::Manzocchi.permeability(0.3, 6.6) * MILLIDARCY;
         assert!((rocks[0].gouge_ratio[1] - 0.3).abs() < 1e-12, "{rocks:?}");
         model.set_permeability(rock.clone()).unwrap();
@@ -684,7 +709,7 @@ mod tests {
         let t = model.permeability.as_ref().unwrap().transmissibility[0];
         assert!((t / expected - 1.0).abs() < 1e-12, "{t} {expected}");
         let error = model
-            .set_fault_rock(&[0.3, 1.5], &throws, rule)
+            .set_fault_rock(clay(&[0.3, 1.5]), &throws, rule)
             .unwrap_err();
         assert!(error.to_string().starts_with("clay: is 1.5 in cell 1"));
     }

@@ -1,10 +1,11 @@
 //! The clay of the two walls of a fault as a function of depth, and the clay that slipped past a point.
 //!
 //! Each face of the fault is divided into pieces that are small beside the faces. A piece belongs to a
-//! bin along strike and depth, and gives it the clay of the two cells. Sums over depth then give the mean
-//! clay of any interval of a wall.
+//! bin along strike and depth, and gives it the clay of the two cells, or that of an image beside the piece.
+//! Sums over depth then give the mean clay of any interval of a wall.
 
-use crate::geometry::{dot, norm};
+use super::averaging::ImageProbe;
+use crate::geometry::{add_scaled, dot, norm};
 
 /// Number of bins over the height of a mean face.
 const BINS_PER_FACE: f64 = 16.0;
@@ -32,9 +33,26 @@ pub(super) struct FaultFace {
     pub corners: Vec<[f64; 3]>,
     /// Clay fraction of the hanging wall and of the footwall.
     pub clay: [f64; 2],
+    /// Direction into the hanging wall, along beds that lie flat, over which the distance from the face grows by
+    /// 1 m.
+    pub across: [f64; 3],
 }
 
+/// Distance from a face, in samples, at which an image has the rock of a wall: the nearest sample is on the same side.
+const WALL_DISTANCE: f64 = 1.25;
+
 impl FaultFace {
+    /// Returns the clay fraction of both walls beside a point of the face as an image has it, and that of a cell
+    /// where the image has no data.
+    pub fn clay_in(&self, image: &ImageProbe, x: [f64; 3]) -> [f64; 2] {
+        let step = WALL_DISTANCE * image.sample_length(x, self.across);
+        std::array::from_fn(|wall| {
+            let sign = [1.0, -1.0][wall];
+            let value = image.value(add_scaled(x, sign * step, self.across));
+            value.map_or(self.clay[wall], |clay| clay.clamp(0.0, 1.0))
+        })
+    }
+
     /// Returns the height of the face.
     fn height(&self) -> f64 {
         let z = self.corners.iter().map(|corner| corner[2]);
@@ -110,8 +128,8 @@ pub(super) struct ClayProfile {
 }
 
 impl ClayProfile {
-    /// Returns the profile of the walls of a fault.
-    pub fn new(faces: &[FaultFace]) -> Self {
+    /// Returns the profile of the walls of a fault. An image of the clay resolves more than the cells do.
+    pub fn new(faces: &[FaultFace], image: Option<&ImageProbe>) -> Self {
         let mut along = [0.0; 2];
         for face in faces {
             let sign = face.area * dot(face.strike, faces[0].strike).signum();
@@ -155,7 +173,8 @@ impl ClayProfile {
                 let [s, z] = place(piece.centre);
                 let i = (((s - low[0]) / width) as usize).min(counts[0] - 1);
                 let j = (((z - low[1]) / height) as usize).min(counts[1] - 1);
-                for (weights, clay) in weights.iter_mut().zip(face.clay) {
+                let clay = image.map_or(face.clay, |image| face.clay_in(image, piece.centre));
+                for (weights, clay) in weights.iter_mut().zip(clay) {
                     let [sum, clays] = &mut weights[i * counts[1] + j];
                     *sum += piece.area;
                     *clays += piece.area * clay;

@@ -149,18 +149,25 @@ impl<'a> LeakFinder<'a> {
 
     /// Returns the distance in metres, rounded up, by which a fault must be extended to close a leak.
     pub fn closing_distance(&self, fault: u32, leak: &LeakFaces) -> f64 {
-        // Faults are extended in space as it is.
+        // Faults are extended in space as it is, where some faces of the continuation may be others.
         let continuations = Continuations::new(&self.network.graph);
-        let closes = |distance: f64| {
+        let connections = |distance: f64| -> Vec<usize> {
             let (labels, is_barrier) = (&self.labels, &self.is_barrier);
             let next = continuations.of_fault(labels, is_barrier, fault, distance);
             let faces = next.map_or_else(Vec::new, |next| next.faces);
-            let mut connections = leak.connections.iter().map(|(index, _)| index);
-            // The faces are ordered by their connections.
-            connections.all(|index| {
-                let found = faces.binary_search_by_key(index, |face| face.connection);
-                found.is_ok()
-            })
+            faces.iter().map(|face| face.connection).collect()
+        };
+        // Connections are in ascending order.
+        let all = connections(f64::INFINITY);
+        let leaking = leak.connections.iter().map(|(index, _)| *index);
+        let needed: Vec<usize> = leaking
+            .filter(|index| all.binary_search(index).is_ok())
+            .collect();
+        let closes = |distance: f64| {
+            let closed = connections(distance);
+            needed
+                .iter()
+                .all(|index| closed.binary_search(index).is_ok())
         };
         let mut distance = rounded_up(leak.farthest);
         for _ in 1..MAX_TRIALS {

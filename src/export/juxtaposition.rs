@@ -144,14 +144,14 @@ impl<'a> JuxtapositionMap<'a> {
                     [sums[0] + area, sums[1] + area * value(contact)]
                 });
                 if sums[0] > 0.0 {
-                    format!("{}", sums[1] / sums[0])
+                    number_text(sums[1] / sums[0])
                 } else {
                     String::new()
                 }
             };
             let transmissibility: f64 = contacts.iter().map(|c| c.transmissibility).sum();
             let transmissibility = if transmissibility.is_finite() {
-                transmissibility.to_string()
+                number_text(transmissibility)
             } else {
                 String::new()
             };
@@ -160,8 +160,9 @@ impl<'a> JuxtapositionMap<'a> {
             // Writing to a string cannot fail.
             let _ = writeln!(
                 text,
-                "{name},{hanging},{foot},{},{area},{},{},{},{transmissibility}",
+                "{name},{hanging},{foot},{},{},{},{},{},{transmissibility}",
                 contacts.len(),
+                number_text(area),
                 mean(|c| c.throw),
                 mean(|c| c.gouge_ratio),
                 mean(|c| c.multiplier)
@@ -301,6 +302,18 @@ impl<'a> JuxtapositionMap<'a> {
             extent[0], low[1], high[1]
         );
         canvas.draw_text(&title, [MARGIN, top as f32 - LINE_HEIGHT], 0.0, BLACK);
+    }
+}
+
+/// Returns a number with nine digits.
+fn number_text(value: f64) -> String {
+    let text = format!("{value:.8e}");
+    match text.parse::<f64>() {
+        Ok(rounded) if rounded == 0.0 || (1e-4..1e9).contains(&rounded.abs()) => {
+            rounded.to_string()
+        }
+        Ok(rounded) => format!("{rounded:e}"),
+        Err(_) => text,
     }
 }
 

@@ -251,6 +251,11 @@ impl<'a> JuxtapositionMap<'a> {
             let text = format!("hanging wall {hanging}, footwall {foot}");
             canvas.draw_text(&text, [MARGIN + 34.0, y], 0.0, BLACK);
         }
+        if pairs.len() > named {
+            let text = format!("and {} other pairs", pairs.len() - named);
+            let y = LINE_HEIGHT * (named as f32 + 0.5);
+            canvas.draw_text(&text, [MARGIN + 34.0, y], 0.0, BLACK);
+        }
         for (number, contacts) in faults.iter().enumerate() {
             self.draw_fault(&mut canvas, contacts, &pairs, legend + map * number as f32);
         }

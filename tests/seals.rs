@@ -237,7 +237,8 @@ fn the_certificate_is_right_on_all_kinds_of_cells() {
         cases.extend([
             (dip, turn, Defect::None),
             (dip, turn, Defect::FreeTip),
-            (dip, turn, Defect::Hole(width.max(10.0))),
+            // The mesher closes holes of two distances between nodes.
+            (dip, turn, Defect::Hole(width.max(12.5))),
             (dip, turn, Defect::GapToSide(width)),
             (dip, turn, Defect::GapToFault(width)),
         ]);

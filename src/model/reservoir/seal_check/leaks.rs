@@ -374,8 +374,8 @@ impl<'a> LeakFinder<'a> {
                     let tolerance = HIT_DISTANCE * spacing;
                     let longest =
                         MAX_OBLIQUE_RATIO * continuation.fault_distance(c.point) + tolerance;
-                    // The fault is within the tolerance of where it is met.
-                    let longest = longest.min(MAX_GAP * spacing - tolerance);
+                    // Faces at the end are half a distance from it.
+                    let longest = longest.min((MAX_GAP - 0.5) * spacing);
                     let distances = (0..).map(|step| 0.5 * f64::from(step) * spacing);
                     let mut distances = distances.take_while(|distance| *distance <= longest);
                     let width = distances.find(|distance| {

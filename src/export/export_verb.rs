@@ -154,10 +154,8 @@ pub fn export<'a>(
     progress.stage(Stage::Writing);
     write_model(&prepared.model, format, path, progress)?;
     if let Some(map) = &juxtaposition {
-        let paths = spec.juxtaposition.iter();
-        paths
-            .map(|path| map.write(path, &prepared.frame))
-            .collect::<Result<()>>()?;
+        let mut paths = spec.juxtaposition.iter();
+        paths.try_for_each(|path| map.write(path, &prepared.frame))?;
     }
     if let (Some(seals), Some(table)) = (&seals, &spec.seal_table) {
         let csv = seals.csv();

@@ -15,13 +15,16 @@ const NEIGHBOURS: usize = 6;
 /// Smallest throw in metres. Faces with a smaller one have no fault rock.
 pub(super) const MIN_THROW: f64 = 1e-3;
 
+/// A place in the model's metres, and the throw there in metres.
+type MeasuredThrow = ([f64; 3], f64);
+
 /// The throws of some faults, in metres.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum ThrowSource {
     /// One throw for the faults that the selector selects.
     Constant(Selector, f64),
     /// Faults by name, with places in the model's metres and the throw at each.
-    Measured(Vec<(String, Vec<([f64; 3], f64)>)>),
+    Measured(Vec<(String, Vec<MeasuredThrow>)>),
 }
 
 /// Returns the throw of the faults in a file of surfaces (`.vtp`), face by face.
@@ -39,7 +42,7 @@ pub(super) fn read_throws(path: &Path, frame: &ModelFrame) -> Result<ThrowSource
     let array = array.ok_or_else(|| file.error("has no array throw", remedy))?;
     let throws = file.array(array)?.values.to_f64();
     let metres = frame.vertical_scale();
-    let mut faults: Vec<(String, Vec<([f64; 3], f64)>)> = Vec::new();
+    let mut faults: Vec<(String, Vec<MeasuredThrow>)> = Vec::new();
     for ((label, ring), throw) in rings.iter().zip(throws) {
         if !throw.is_finite() || ring.is_empty() {
             continue;

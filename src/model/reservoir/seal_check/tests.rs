@@ -186,7 +186,7 @@ fn random_model(kind: Cells, dip: f64, defect: Defect, random: &mut Random) -> R
             labels[index] = 1;
         }
     }
-    missing.retain(|index| !is_beyond(*index) && !(has_wall && is_on_wall(*index)));
+    missing.retain(|index| !(is_beyond(*index) || has_wall && is_on_wall(*index)));
     for index in (0..labels.len()).filter(|index| has_wall && is_on_wall(*index)) {
         labels[index] = 2;
     }

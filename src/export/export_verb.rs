@@ -12,9 +12,10 @@ use super::names::ExportNames;
 use super::{ExportContent, ExportFormat, corner_point};
 use crate::error::cause;
 use crate::files::atomic_write;
+use crate::image::formats::ReadImage;
 use crate::mesh_file::{CellChoice, take_cells, with_mesh};
-use crate::model::flow::FaultResistance;
-use crate::model::reservoir::gouge::{FaultRockRule, RockClay};
+use crate::model::flow::{FaultResistance, Rock};
+use crate::model::reservoir::gouge::{FaceRock, FaultRockRule, RockClay};
 use crate::model::reservoir::rock_options::FilledRock;
 use crate::model::reservoir::space_options::check_depth;
 use crate::model::reservoir::{
@@ -99,26 +100,8 @@ pub fn export<'a>(
         .iter()
         .for_each(|fault| progress.note(&fault.note(3)));
     prepared.model.set_faults(&laws)?;
-    let mut face_rocks = Vec::new();
-    if let Some(clay) = &spec.gouge.clay {
-        let cells = (spec.rock).cell_values("clay", clay, &prepared, read_image, progress)?;
-        let image = spec.rock.probe(clay, &prepared, read_image)?;
-        let clay = RockClay {
-            cells: &cells,
-            image: image.as_ref(),
-        };
-        let throws = spec.gouge.throws(&prepared.frame)?;
-        let rule = FaultRockRule {
-            law: spec.gouge.fault_rock.unwrap_or_default(),
-            smear: spec.gouge.clay_smear,
-            rock: filled.rock.as_ref(),
-        };
-        let fault_rocks;
-        (fault_rocks, face_rocks) = prepared.model.set_fault_rock(clay, &throws, rule)?;
-        fault_rocks
-            .iter()
-            .for_each(|rock| progress.note(&rock.note()));
-    }
+    let rock = filled.rock.as_ref();
+    let face_rocks = set_fault_rock(&mut prepared, rock, spec, read_image, progress)?;
     deactivate(&mut prepared, &mut filled, format, spec, progress)?;
     if let Some(rock) = filled.rock {
         prepared.model.set_permeability(rock)?;
@@ -172,6 +155,36 @@ pub fn export<'a>(
         seals,
         extended,
     })
+}
+
+/// Gives faults the rock that follows from clay and throw, if these are given, and returns that of each face.
+fn set_fault_rock(
+    prepared: &mut PreparedModel,
+    rock: Option<&Rock>,
+    spec: &ExportSpec,
+    read_image: ReadImage<'_>,
+    progress: &mut dyn Progress,
+) -> Result<Vec<FaceRock>> {
+    let Some(clay) = &spec.gouge.clay else {
+        return Ok(Vec::new());
+    };
+    let cells = (spec.rock).cell_values("clay", clay, prepared, read_image, progress)?;
+    let image = spec.rock.probe(clay, prepared, read_image)?;
+    let clay = RockClay {
+        cells: &cells,
+        image: image.as_ref(),
+    };
+    let throws = spec.gouge.throws(&prepared.frame)?;
+    let rule = FaultRockRule {
+        law: spec.gouge.fault_rock.unwrap_or_default(),
+        smear: spec.gouge.clay_smear,
+        rock,
+    };
+    let (fault_rocks, face_rocks) = prepared.model.set_fault_rock(clay, &throws, rule)?;
+    fault_rocks
+        .iter()
+        .for_each(|rock| progress.note(&rock.note()));
+    Ok(face_rocks)
 }
 
 /// Checks the closed faults of the model, or of the grid on which the format resamples it.

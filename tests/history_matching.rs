@@ -238,26 +238,37 @@ fn the_check_of_seals_measures_what_passes_a_closed_fault() {
         );
         let report = run(folder, &format!("{export} --check-seals --json --quiet"));
         let report: serde_json::Value = serde_json::from_str(&report).unwrap();
-        let seals = &report["seals"];
-        assert_eq!(seals["faults"][0]["name"], "fault1");
-        assert_eq!(seals["faults"][0]["between"][0], "xmin");
-        shares.push(seals["faults"][0]["passing_share"].as_f64().unwrap());
-        let parts = seals["compartments"].as_array().unwrap();
+        let fault = &report["seals"][0];
+        assert_eq!(fault["fault"], "fault1");
+        let passing = |fault: &serde_json::Value| {
+            fault["through"].as_f64().unwrap() + fault["around"].as_f64().unwrap()
+        };
+        shares.push(passing(fault));
+        if name == "whole" {
+            assert_eq!(fault["verdict"], "sealed");
+            assert_eq!(fault["leaks"], serde_json::json!([]));
+        } else {
+            // The side is nearer than four distances between nodes.
+            assert_eq!(fault["verdict"], "leaks");
+            assert_eq!(fault["leaks"][0]["cause"], "gap to side ymax");
+        }
+        let parts = report["compartments"].as_array().unwrap();
         let wells: Vec<String> = parts.iter().map(|part| part["wells"].to_string()).collect();
         if name == "whole" {
             assert_eq!(parts.len(), 2);
             assert!(wells.contains(&"[\"I1\"]".into()), "{wells:?}");
         } else {
             assert_eq!(wells, ["[\"I1\",\"P1\"]"]);
-            let covered = seals["faults"][0]["covered_share"].as_f64().unwrap();
+            let covered = fault["covered_share"].as_f64().unwrap();
             assert!((0.3..0.7).contains(&covered), "{covered}");
             let extended = format!("{export} --extend-faults 50 --check-seals --json --quiet");
             let report: serde_json::Value = serde_json::from_str(&run(folder, &extended)).unwrap();
-            let seals = &report["seals"];
-            let share = seals["faults"][0]["passing_share"].as_f64().unwrap();
+            let fault = &report["seals"][0];
+            assert_eq!(fault["verdict"], "sealed");
+            let share = passing(fault);
             assert!(share < 1e-9, "{share}");
-            assert_eq!(seals["faults"][0]["covered_share"], 1.0);
-            assert_eq!(seals["compartments"].as_array().unwrap().len(), 2);
+            assert_eq!(fault["covered_share"], 1.0);
+            assert_eq!(report["compartments"].as_array().unwrap().len(), 2);
         }
     }
     assert!(shares[0] < 1e-9, "{shares:?}");

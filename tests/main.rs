@@ -61,6 +61,7 @@ mod scans;
 mod scans_files;
 mod scans_labels;
 mod script;
+mod seals;
 mod seeding;
 mod segment;
 mod simulators;

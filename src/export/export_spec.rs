@@ -1,12 +1,14 @@
 //! The options of `atomesh export`, as one value.
 
 use std::fmt::{self, Display, Formatter};
+use std::path::PathBuf;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
 use super::{ExportContent, ExportFormat};
 use crate::error::cause;
+use crate::files::output::check_output;
 use crate::mesh_file::{CellChoice, RegionNames};
 use crate::model::flow::driver::{BarrierSelection, FaultLaws};
 use crate::model::flow::{FaultOptions, FaultResistance};
@@ -54,10 +56,25 @@ pub struct ExportSpec {
     /// of its fault
     #[arg(long, value_name = "DIST", help_heading = "Faults")]
     pub extend_faults: Option<f64>,
-    /// Report which share of the flow passes each closed fault, how much of its way to the next fault or
-    /// the sides of the mesh it covers, and the wells in each compartment
+    /// Also write what lies against what on the two sides of faults (Allan maps): a table of area, throw, shale-gouge
+    /// ratio, multiplier and transmissibility by pairs of zones (.csv), the faces with these (.vtp), or a picture
+    /// (.png). May be repeated
+    #[arg(long, value_name = "FILE", help_heading = "Faults")]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub juxtaposition: Vec<PathBuf>,
+    /// Report for each closed fault whether it seals, the share of the flow between its two sides that
+    /// passes through it and around its ends, the place, area, cause and remedy of each leak, and the wells in
+    /// each compartment
     #[arg(long, help_heading = "Faults")]
     pub check_seals: bool,
+    /// Write the result of --check-seals as a table, a line for each leak (.csv)
+    #[arg(
+        long,
+        value_name = "FILE",
+        requires = "check_seals",
+        help_heading = "Faults"
+    )]
+    pub seal_table: Option<PathBuf>,
     /// Options that convert coordinates to metres and depth.
     #[command(flatten, next_help_heading = "Space")]
     pub space: SpaceOptions,
@@ -130,6 +147,16 @@ impl ExportSpec {
         if self.check_seals && !has_closed_fault {
             let problem = "is for closed faults, but none is closed";
             return Err(no_effect_error("check-seals", problem));
+        }
+        for path in &self.juxtaposition {
+            check_output(path, "juxtaposition", &["csv", "vtp", "png"], &[])?;
+        }
+        if let Some(table) = &self.seal_table {
+            check_output(table, "seal-table", &["csv"], &[])?;
+            if !self.check_seals {
+                let problem = "is for the check of seals, which is not requested";
+                return Err(no_effect_error("seal-table", problem));
+            }
         }
         if let Some(distance) = self.extend_faults {
             if !(distance.is_finite() && distance > 0.0) {

@@ -1,16 +1,21 @@
 //! Exports a mesh as `atomesh export` does: fills its cells with rock, adds wells, checks the model
 //! and writes it.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
 use super::export_spec::{ExportSpec, no_effect_error};
+use super::juxtaposition::JuxtapositionMap;
 use super::names::ExportNames;
-use super::{ExportContent, ExportFormat};
+use super::{ExportContent, ExportFormat, corner_point};
 use crate::error::cause;
+use crate::files::atomic_write;
+use crate::image::formats::ReadImage;
 use crate::mesh_file::{CellChoice, take_cells, with_mesh};
-use crate::model::flow::FaultResistance;
+use crate::model::flow::{FaultResistance, Rock};
+use crate::model::reservoir::gouge::{FaceRock, FaultRockRule, RockClay};
 use crate::model::reservoir::rock_options::FilledRock;
 use crate::model::reservoir::space_options::check_depth;
 use crate::model::reservoir::{
@@ -95,14 +100,8 @@ pub fn export<'a>(
         .iter()
         .for_each(|fault| progress.note(&fault.note(3)));
     prepared.model.set_faults(&laws)?;
-    if let Some(clay) = &spec.gouge.clay {
-        let clay = (spec.rock).cell_values("clay", clay, &prepared, read_image, progress)?;
-        let throws = spec.gouge.throws()?;
-        let fault_rocks = prepared.model.set_fault_rock(&clay, &throws)?;
-        fault_rocks
-            .iter()
-            .for_each(|rock| progress.note(&rock.note()));
-    }
+    let rock = filled.rock.as_ref();
+    let face_rocks = set_fault_rock(&mut prepared, rock, spec, read_image, progress)?;
     deactivate(&mut prepared, &mut filled, format, spec, progress)?;
     if let Some(rock) = filled.rock {
         prepared.model.set_permeability(rock)?;
@@ -131,11 +130,20 @@ pub fn export<'a>(
     progress.stage(Stage::Checking);
     let checks = ModelChecks::new(&prepared.model, prepared.box_volume);
     note_checks(&prepared, &checks, format, spec, progress)?;
-    let seals = (spec.check_seals)
-        .then(|| SealCheck::new(&prepared.model, &CancelToken::never()))
+    let seals = check_seals(&prepared, format, spec)?;
+    let juxtaposition = (!spec.juxtaposition.is_empty())
+        .then(|| JuxtapositionMap::new(&prepared.model, &face_rocks))
         .transpose()?;
     progress.stage(Stage::Writing);
     write_model(&prepared.model, format, path, progress)?;
+    if let Some(map) = &juxtaposition {
+        let mut paths = spec.juxtaposition.iter();
+        paths.try_for_each(|path| map.write(path, &prepared.frame))?;
+    }
+    if let (Some(seals), Some(table)) = (&seals, &spec.seal_table) {
+        let csv = seals.csv();
+        atomic_write(table, |out| out.write_all(csv.as_bytes()))?;
+    }
     Ok(ExportOutcome {
         format,
         path: path.to_path_buf(),
@@ -147,6 +155,57 @@ pub fn export<'a>(
         seals,
         extended,
     })
+}
+
+/// Gives faults the rock that follows from clay and throw, if these are given, and returns that of each face.
+fn set_fault_rock(
+    prepared: &mut PreparedModel,
+    rock: Option<&Rock>,
+    spec: &ExportSpec,
+    read_image: ReadImage<'_>,
+    progress: &mut dyn Progress,
+) -> Result<Vec<FaceRock>> {
+    let Some(clay) = &spec.gouge.clay else {
+        return Ok(Vec::new());
+    };
+    let cells = (spec.rock).cell_values("clay", clay, prepared, read_image, progress)?;
+    let image = spec.rock.probe(clay, prepared, read_image)?;
+    let clay = RockClay {
+        cells: &cells,
+        image: image.as_ref(),
+    };
+    let throws = spec.gouge.throws(&prepared.frame)?;
+    let rule = FaultRockRule {
+        law: spec.gouge.fault_rock.unwrap_or_default(),
+        smear: spec.gouge.clay_smear,
+        rock,
+    };
+    let (fault_rocks, face_rocks) = prepared.model.set_fault_rock(clay, &throws, rule)?;
+    fault_rocks
+        .iter()
+        .for_each(|rock| progress.note(&rock.note()));
+    Ok(face_rocks)
+}
+
+/// Checks the closed faults of the model, or of the grid on which the format resamples it.
+fn check_seals(
+    prepared: &PreparedModel,
+    format: &ExportFormat,
+    spec: &ExportSpec,
+) -> Result<Option<SealCheck>> {
+    if !spec.check_seals {
+        return Ok(None);
+    }
+    let (model, cancel) = (&prepared.model, CancelToken::never());
+    let is_resampled = format.supported_content.contains(&ExportContent::Grid);
+    let check = if is_resampled {
+        let names = ExportNames::new(model, &format.names);
+        let network = corner_point::grdecl::seal_network(model, &names)?;
+        SealCheck::of_network(model, &network, &prepared.frame, &cancel)?
+    } else {
+        SealCheck::new(model, &prepared.frame, &cancel)?
+    };
+    Ok(Some(check))
 }
 
 /// Makes the cells inactive that hold no data, or whose rock is below a cut-off or conducts nothing.
@@ -265,6 +324,7 @@ fn prepare_model(
     let needs_surfaces = format.supported_content.contains(&ExportContent::Names)
         || spec.split.is_some()
         || spec.extend_faults.is_some()
+        || !spec.juxtaposition.is_empty()
         || spec.fault_options.given_option().is_some()
         || spec.gouge.given_option().is_some();
     let prepared = if needs_surfaces {
@@ -410,7 +470,8 @@ impl ExportOutcome {
             "file": path_text(&self.path),
             "twin": self.companion.as_deref().map(path_text),
             "checks": self.checks,
-            "seals": self.seals,
+            "seals": self.seals.as_ref().map(|seals| &seals.faults),
+            "compartments": self.seals.as_ref().map(|seals| &seals.compartments),
             "wells": self.wells.iter().map(|well| {
                 json!({ "name": well.name, "cells": well.cells, "lengths": well.lengths })
             }).collect::<Vec<_>>(),

@@ -22,6 +22,7 @@
 //! - [`format`](mod@format): the list of formats, and how to add one
 //! - `export_spec`: all options of an export, as one value
 //! - `export_verb`: exports a mesh, from options to files
+//! - `juxtaposition`: what lies against what on faults
 //! - [`convert`](mod@convert): images and surfaces in other formats
 //! - [`simulators`]: models for flow simulators
 //! - [`corner_point`]: corner-point grids, sampled from cells of any shape
@@ -41,6 +42,7 @@ pub mod corner_point;
 mod export_spec;
 mod export_verb;
 pub mod format;
+mod juxtaposition;
 pub mod meshers;
 pub(crate) mod names;
 pub mod page;

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::Params;
+use super::extended_surfaces::continue_faults;
 use super::spec::{FileOption, NumberOrFile};
 use crate::error::cause;
 use crate::feature::{GivenPoints, GivenSurface, MIN_FAULT_DIP};
@@ -121,6 +122,13 @@ impl<const D: usize> Params<D> {
         Frame::new(geometry, dims).with_time_to_depth(model.or(constant), self.time_unit.as_deref())
     }
 
+    /// Returns the distance, in the unit of the metric, up to which given faults are continued to what
+    /// they end near.
+    fn extension_of_faults(&self) -> f64 {
+        let given = self.spec.extend_faults.map(|length| length.value);
+        given.unwrap_or_else(|| self.spacing().max())
+    }
+
     /// Returns the given surfaces in an image of `dims` samples; `None` if none are given.
     ///
     /// # Errors
@@ -137,7 +145,9 @@ impl<const D: usize> Params<D> {
         let found: Vec<SurfaceInImage<D>> = (self.surfaces.iter())
             .map(|surface| surface.in_image(&frame, geometry, dims))
             .collect::<Result<_>>()?;
-        let given: Vec<GivenSurface<D>> = found.iter().map(|s| s.surface.clone()).collect();
+        let mut given: Vec<GivenSurface<D>> = found.iter().map(|s| s.surface.clone()).collect();
+        let lengths = self.spec.metric.lengths(geometry);
+        let continued = continue_faults(&mut given, dims, lengths, self.extension_of_faults());
         let points = GivenPoints::new(&given, dims);
         let mut notes = Vec::new();
         for (index, (found, option)) in found.iter().zip(&self.surfaces).enumerate() {
@@ -157,6 +167,14 @@ impl<const D: usize> Params<D> {
                 ));
             }
         }
+        notes.extend(continued.iter().map(|continued| {
+            format!(
+                "surface {} ends up to {:.1} samples from {}, and is continued to there (--extend-faults 0 leaves it as it is)",
+                given[continued.index].name,
+                continued.longest / lengths[0],
+                continued.targets.join(" and ")
+            )
+        }));
         Ok(Some(SurfacesInImage {
             points: Arc::new(points),
             notes,

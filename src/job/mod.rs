@@ -11,6 +11,7 @@
 //! - `estimate`: estimates of the size of a mesh
 //! - `job_domain`: lattice space, and its relation to the image
 //! - `given_surfaces`: surfaces that the user gives, in the image
+//! - `extended_surfaces`: given faults continued to what they end near
 //! - `placement`: atoms at rest, on a lattice that has moved or on Canny's points
 //! - `minimisation`: moves the atoms of a lattice
 //! - `canny`: atoms at Canny's points
@@ -48,6 +49,7 @@ mod depth;
 mod distributed;
 mod equalise;
 mod estimate;
+mod extended_surfaces;
 mod features;
 pub(crate) mod given_surfaces;
 pub(crate) mod horizons;

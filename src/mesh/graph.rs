@@ -313,7 +313,7 @@ impl Graph<3> {
 impl<const D: usize> Connection<D> {
     /// Creates a connection from the face's area vector (from a to b) and centre, and the sites of
     /// the two cells.
-    fn new(
+    pub(crate) fn new(
         cells: [u32; 2],
         [a, b]: [[f64; D]; 2],
         area_vector: [f64; D],
@@ -341,7 +341,7 @@ impl<const D: usize> Connection<D> {
 }
 
 impl<const D: usize> BoundaryFace<D> {
-    fn new(
+    pub(crate) fn new(
         cell: u32,
         side: Option<u8>,
         site: [f64; D],

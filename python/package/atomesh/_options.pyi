@@ -40,6 +40,10 @@ class MeshOptions(TypedDict, total=False):
     #: follows it: ,fault or ,horizon; ,unit=ft (of z) or ,unit=m,m,ft; ,z=up or ,z=down;
     #: ,domain=time or ,domain=depth; ,null=-999. May be repeated
     surface: _Values | None
+    #: Continue faults of --surface that end within this distance of a side of the image or of
+    #: another such fault, in samples or in a unit of length; 0 leaves them as they are [default:
+    #: the distance between atoms]
+    extend_faults: _Value | None
     #: Scale of the features, in samples [default: depends on the kind of feature]
     sigma: _Number | None
     #: Smooths the boundaries of labels over this many samples, also beyond the half sample that is
@@ -853,12 +857,19 @@ class ExportOptions(TypedDict, total=False):
     #: faults]
     barriers: _Value | None
     #: Throw (m) of faults, whose fault rock then follows from --clay: their number or name, or a
-    #: pattern (fault3:25), negative for reverse faults. May be repeated, and the last match
-    #: applies; or a CSV file of lines surface,throw
+    #: pattern (fault3:25), negative for reverse faults; a CSV file of lines surface,throw; or the
+    #: surfaces with throws that `atomesh surface MESH --survey IMAGE -o FILE.vtp` writes, for the
+    #: throw of each face. May be repeated, and the last match applies
     throw: _Values | None
     #: Clay fraction of the rock, 0 to 1, given like a porosity: with --throw it gives the shale-
     #: gouge ratio, the permeability and the thickness of fault rock
     clay: _Value | None
+    #: Law of the permeability of fault rock: manzocchi, or sperrevik:MAX,FAULTING with the largest
+    #: depth of burial and the depth of faulting in metres [default: manzocchi]
+    fault_rock: _Value | None
+    #: Take beds with a clay fraction of 0.4 or more as smeared along the fault where the throw is
+    #: below FACTOR times their thickness: the fault rock there has their clay. 7 is usual
+    clay_smear: _Number | None
     #: Regions, by label or name, whose cells are left out, such as 0 for the background. Their
     #: boundaries keep their names, such as interface_0_3
     drop: _Value | None
@@ -878,9 +889,16 @@ class ExportOptions(TypedDict, total=False):
     #: mesh, along the faces of cells. An extension has a name of its own, such as
     #: fault1_extension, and the law of its fault
     extend_faults: _Number | None
-    #: Report which share of the flow passes each closed fault, how much of its way to the next
-    #: fault or the sides of the mesh it covers, and the wells in each compartment
+    #: Also write what lies against what on the two sides of faults (Allan maps): a table of area,
+    #: throw, shale-gouge ratio, multiplier and transmissibility by pairs of zones (.csv), the
+    #: faces with these (.vtp), or a picture (.png). May be repeated
+    juxtaposition: _Values | None
+    #: Report for each closed fault whether it seals, the share of the flow between its two sides
+    #: that passes through it and around its ends, the place, area, cause and remedy of each leak,
+    #: and the wells in each compartment
     check_seals: bool | None
+    #: Write the result of --check-seals as a table, a line for each leak (.csv)
+    seal_table: _Path | None
     #: Unit of the mesh's coordinates, if it is not the one that the mesh states: m, km, ft, cm,
     #: mm, um or nm. The export is in metres [default: what the mesh states, or m; scans in mm or
     #: less keep their unit where flow is not simulated]

@@ -39,14 +39,14 @@ const MIN_CONTACT_HEIGHT_RATIO: f64 = 1e-9;
 
 /// Connection of a cell to a cell of the next column along an axis, or of the next layer.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct GridConnection {
-    axis: usize,
-    lower: [usize; 3],
-    upper: [usize; 3],
+pub(super) struct GridConnection {
+    pub axis: usize,
+    pub lower: [usize; 3],
+    pub upper: [usize; 3],
     /// `true` if the cells share a part of a face. Otherwise they are only in the same layer.
-    shares_face: bool,
+    pub shares_face: bool,
     /// Surface between the centres of the cells, and its multiplier.
-    crossed_surface: Option<(u32, f64)>,
+    pub crossed_surface: Option<(u32, f64)>,
 }
 
 /// Face of a cell that lies on a surface.
@@ -164,7 +164,14 @@ impl<'a> FaceConnections<'a> {
 impl FaultResistances {
     /// Finds all faces on surfaces.
     pub fn new(model: &Model, walker: &CellWalker, grid: &CornerPointGrid) -> Self {
-        let mut connections = find_connections(model, walker, grid);
+        Self::of_connections(grid, find_connections(model, walker, grid))
+    }
+
+    /// Finds all faces on surfaces among the connections of a grid.
+    pub(super) fn of_connections(
+        grid: &CornerPointGrid,
+        mut connections: Vec<GridConnection>,
+    ) -> Self {
         connections.retain(|c| c.shares_face || c.crossed_surface.is_some());
         let mut range: BTreeMap<u32, [f64; 2]> = BTreeMap::new();
         for (surface, factor) in connections.iter().filter_map(|c| c.crossed_surface) {
@@ -191,6 +198,23 @@ impl FaultResistances {
         });
         resistances.edits.sort_by_key(|edit| edit.0);
         resistances
+    }
+
+    /// Returns the factors by which a simulator multiplies connections as these records say.
+    pub(super) fn record_factors(&self, connections: &[GridConnection]) -> Vec<f64> {
+        let mut face_factors = BTreeMap::new();
+        for face in &self.faces {
+            let key = (face.axis, face.is_negative_side, face.cell);
+            *face_factors.entry(key).or_insert(1.0) *= face.factor;
+        }
+        let edits: BTreeMap<[[usize; 3]; 2], f64> = self.edits.iter().copied().collect();
+        let factor = |c: &GridConnection| {
+            let faces = [(c.axis, false, c.lower), (c.axis, true, c.upper)];
+            let of_face = |key| face_factors.get(&key).copied().unwrap_or(1.0);
+            let edit = edits.get(&[c.lower, c.upper]).copied().unwrap_or(1.0);
+            faces.into_iter().map(of_face).product::<f64>() * edit
+        };
+        connections.iter().map(factor).collect()
     }
 
     /// Chooses the faces that represent the connections across surfaces.
@@ -364,7 +388,11 @@ fn is_continued_by(a: &FaultCellFace, b: &FaultCellFace) -> bool {
 
 /// Returns the layers of the next column along an axis whose cells share a part of a face with the
 /// given cell.
-fn adjacent_layers(grid: &CornerPointGrid, axis: usize, [i, j, k]: [usize; 3]) -> Vec<usize> {
+pub(super) fn adjacent_layers(
+    grid: &CornerPointGrid,
+    axis: usize,
+    [i, j, k]: [usize; 3],
+) -> Vec<usize> {
     let [n, m, layers] = grid.dims();
     let mut next = [i, j];
     next[axis] += 1;
@@ -487,7 +515,7 @@ impl SurfaceBoxes {
 
 /// Returns all connections near surfaces, with the surface that each crosses, ordered by axis,
 /// layer and row.
-fn find_connections(
+pub(super) fn find_connections(
     model: &Model,
     walker: &CellWalker,
     grid: &CornerPointGrid,

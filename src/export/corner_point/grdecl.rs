@@ -19,7 +19,7 @@ use super::faults::FaultResistances;
 use super::grid::CornerPointGrid;
 use super::layers::{GridLayers, column_lines};
 use super::pillars::{Outline, Pillars};
-use super::wells;
+use super::{seals, wells};
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::export::simulators::deck::{
@@ -27,6 +27,7 @@ use crate::export::simulators::deck::{
 };
 use crate::files::Batch;
 use crate::files::text::{FileWriter, TextBuilder, WriteResult, write_items, write_numbers};
+use crate::model::reservoir::seal_check::SealNetwork;
 use crate::model::reservoir::{Aquifer, BAR, Fluid, MILLIDARCY, Model};
 use crate::{Result, memory};
 
@@ -106,12 +107,17 @@ struct CellSum {
     regions: [Vec<(i32, f64)>; 5],
 }
 
-/// Writes the grid. Its numbers of columns and layers are the [`grid`](Model::grid) of the model.
+/// Calls a function with the grid of a model. Its numbers of columns and layers are the
+/// [`grid`](Model::grid) of the model.
 ///
 /// # Errors
-/// Returns [`Error::Export`](crate::Error::Export) if the mesh has no vertical sides, and
-/// [`Error::Io`](crate::Error::Io) if a file cannot be written.
-pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
+/// Returns [`Error::Export`](crate::Error::Export) if the mesh has no vertical sides, and the errors of
+/// the function.
+fn with_grid<T>(
+    model: &Model,
+    names: &ExportNames,
+    call: impl FnOnce(&FilledGrid<'_>, &CellWalker) -> Result<T>,
+) -> Result<T> {
     let graph = &model.graph;
     let outline = Outline::new(graph, &model.mesh.nodes, ERROR_PLACE)?;
     let [n, m, layers] = model.grid.unwrap_or_else(|| default_dims(model, &outline));
@@ -146,18 +152,57 @@ pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path)
     let filled = FilledGrid {
         model,
         names,
-        resistances: FaultResistances::new(model, &walker, &grid),
         grid,
         columns,
     };
+    call(&filled, &walker)
+}
+
+/// Returns the cells of the grid, and the connections that its files leave open, for the check of
+/// closed faults.
+///
+/// # Errors
+/// Returns [`Error::Export`](crate::Error::Export) if the mesh has no vertical sides.
+pub fn seal_network(model: &Model, names: &ExportNames) -> Result<SealNetwork> {
+    with_grid(model, names, |filled, walker| {
+        let permeability = |at: usize| {
+            let cell = filled.cell(at);
+            let is_active = cell.active_weight > 0.0;
+            let uniform = model.permeability.is_none().then_some([1.0; 3]);
+            is_active.then(|| uniform.or_else(|| cell.mean_permeability()))?
+        };
+        Ok(seals::network(model, walker, &filled.grid, permeability))
+    })
+}
+
+/// Writes the grid.
+///
+/// # Errors
+/// Returns [`Error::Export`](crate::Error::Export) if the mesh has no vertical sides, and
+/// [`Error::Io`](crate::Error::Io) if a file cannot be written.
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
+    with_grid(model, names, |filled, walker| {
+        let resistances = FaultResistances::new(model, walker, &filled.grid);
+        write_files(filled, &resistances, batch, path)
+    })
+}
+
+fn write_files(
+    filled: &FilledGrid<'_>,
+    resistances: &FaultResistances,
+    batch: &mut Batch,
+    path: &Path,
+) -> Result<()> {
+    let model = filled.model;
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let ending = path.extension().unwrap_or_default().to_string_lossy();
     let regions = path.with_file_name(format!("{stem}-regions.{ending}"));
     let edits = path.with_file_name(format!("{stem}-edit.{ending}"));
-    batch.write(path, |out| filled.write_grid(out))?;
+    batch.write(path, |out| filled.write_grid(out, resistances))?;
     batch.write(&regions, |out| filled.write_regions(out))?;
-    if filled.resistances.has_edits() {
-        batch.write(&edits, |out| filled.resistances.write_edits(out))?;
+    let has_edits = resistances.has_edits();
+    if has_edits {
+        batch.write(&edits, |out| resistances.write_edits(out))?;
     }
     let (Some(porosity), Some(_)) = (&model.porosity, &model.permeability) else {
         return Ok(());
@@ -176,9 +221,13 @@ pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path)
         .map(|well| wells::well_connections(well, &filled.grid, rock))
         .collect::<Result<_>>()?;
     deck::check_skin(&model.case, &connections)?;
-    let includes = [path, &regions, &edits].map(|p| p.file_name().unwrap_or_default());
+    let mut includes = vec![path, regions.as_path()];
+    includes.extend(has_edits.then_some(edits.as_path()));
+    let includes: Vec<&OsStr> = (includes.iter())
+        .map(|path| path.file_name().unwrap_or_default())
+        .collect();
     batch.write(&deck_path(path), |out| {
-        filled.write_deck(out, includes, &connections)
+        filled.write_deck(out, &includes, &connections)
     })
 }
 
@@ -189,7 +238,6 @@ struct FilledGrid<'a> {
     grid: CornerPointGrid<'a>,
     /// Contents of the cells of each column, from the top.
     columns: Vec<Vec<CellSum>>,
-    resistances: FaultResistances,
 }
 
 impl FilledGrid<'_> {
@@ -198,7 +246,7 @@ impl FilledGrid<'_> {
     }
 
     /// Writes the grid and the rock in its cells.
-    fn write_grid(&self, out: FileWriter) -> WriteResult {
+    fn write_grid(&self, out: FileWriter, resistances: &FaultResistances) -> WriteResult {
         let (model, CornerPointGrid { pillars, layers }) = (self.model, &self.grid);
         let ([n, m], cells) = (pillars.columns, self.columns.len() * layers.count);
         let inclination = if pillars.ends.iter().any(|[top, bottom]| top != bottom) {
@@ -271,8 +319,7 @@ impl FilledGrid<'_> {
                 writeln!(out, "/\n")?;
             }
         }
-        self.resistances
-            .write(out, &self.names.multipliers, &self.grid)
+        resistances.write(out, &self.names.multipliers, &self.grid)
     }
 
     /// Writes the region of each cell, and the numbers of tables if they are given.
@@ -302,11 +349,12 @@ impl FilledGrid<'_> {
         Ok(())
     }
 
-    /// Writes a deck that includes the grid, the regions, and edits of connections if there are any.
+    /// Writes a deck that includes the files of the grid, the regions, and edits of connections if there are
+    /// any.
     fn write_deck(
         &self,
         out: FileWriter,
-        [name, regions, edits]: [&OsStr; 3],
+        includes: &[&OsStr],
         connections: &[Vec<WellConnection>],
     ) -> WriteResult {
         let (model, grid) = (self.model, &self.grid);
@@ -335,14 +383,14 @@ impl FilledGrid<'_> {
             writeln!(out, "INCLUDE\n '{}' /\n", name.to_string_lossy())
         };
         writeln!(out, "GRID\nINIT\nGRIDFILE\n 0 1 /\n")?;
-        include(out, name)?;
-        if self.resistances.has_edits() {
+        include(out, includes[0])?;
+        if let Some(edits) = includes.get(2) {
             writeln!(out, "EDIT\n")?;
             include(out, edits)?;
         }
         deck::write_props(out, model)?;
         writeln!(out, "REGIONS\n")?;
-        include(out, regions)?;
+        include(out, includes[1])?;
         writeln!(out, "SOLUTION\n")?;
         if !deck::write_equilibrium(out, &model.case)? {
             deck::write_array(out, "PRESSURE", cells, |at| {

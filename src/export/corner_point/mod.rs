@@ -4,6 +4,7 @@
 //! - `pillars`, `layers`: the parts of the grid
 //! - `grid`: the geometry of its cells
 //! - `faults`: surfaces as faces between its cells
+//! - `seals`: the grid as the check of seals sees it
 //! - `wells`: the cells to which wells are connected
 //! - `cell_walk`: lines through the cells of a model, along which layers and faults are found
 
@@ -13,6 +14,7 @@ pub(crate) mod grdecl;
 pub(crate) mod grid;
 pub(crate) mod layers;
 pub(crate) mod pillars;
+mod seals;
 pub(crate) mod wells;
 
 use super::format::ExportFormat;

@@ -23,7 +23,11 @@ impl MeshSpec {
             let length = self.well_distance?;
             Some(("well-distance", length.to_string(), length.unit?))
         };
-        distance.or_else(label).or_else(well)
+        let extension = || {
+            let length = self.extend_faults?;
+            Some(("extend-faults", length.to_string(), length.unit?))
+        };
+        distance.or_else(label).or_else(well).or_else(extension)
     }
 
     /// Returns the options with all distances in the unit of the metric, which is known, for an image
@@ -83,10 +87,11 @@ impl MeshSpec {
                 *d *= unit.size * per_metre;
             }
         }
-        if let Some(length) = &mut spec.well_distance
-            && let Some(unit) = length.unit.take()
-        {
-            length.value *= unit.size * per_metre;
+        let others = [&mut spec.well_distance, &mut spec.extend_faults];
+        for length in others.into_iter().flatten() {
+            if let Some(unit) = length.unit.take() {
+                length.value *= unit.size * per_metre;
+            }
         }
         Ok(spec)
     }

@@ -80,6 +80,10 @@ pub struct MeshSpec {
     #[arg(long, value_name = "FILE[:NAME][,...]", help_heading = FEATURES)]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub surface: Vec<FileOption>,
+    /// Continue faults of --surface that end within this distance of a side of the image or of another
+    /// such fault, in samples or in a unit of length; 0 leaves them as they are [default: the distance between atoms]
+    #[arg(long, value_name = "DIST", help_heading = FEATURES)]
+    pub extend_faults: Option<Length>,
     /// Scale of the features, in samples [default: depends on the kind of feature]
     #[arg(long, value_name = "S", help_heading = FEATURES)]
     pub sigma: Option<f64>,
@@ -354,6 +358,7 @@ impl Default for MeshSpec {
             effort: None,
             feature: FeatureKind::Auto,
             surface: Vec::new(),
+            extend_faults: None,
             sigma: None,
             label_smoothing: None,
             threshold: None,

@@ -338,6 +338,7 @@ impl Options<'_> {
         }
         self.check_distance()?;
         self.check_wells()?;
+        self.check_extension()?;
         self.check_beta()?;
         self.check_energy()
     }
@@ -378,6 +379,23 @@ impl Options<'_> {
                 "is not a positive number of samples",
                 "give one above 0",
             )),
+            _ => Ok(()),
+        }
+    }
+
+    fn check_extension(&self) -> Result<()> {
+        match self.spec.extend_faults {
+            Some(d) if !(d.value.is_finite() && d.value >= 0.0) => Err(option_error(
+                "extend-faults",
+                d,
+                "is not a number of samples",
+                "give 0 or more, or omit it",
+            )),
+            Some(_) if self.spec.surface.is_empty() => self.refuse(
+                &["extend-faults"],
+                "continues given faults, but none is given",
+                "omit it, or give a fault (--surface)",
+            ),
             _ => Ok(()),
         }
     }
@@ -738,6 +756,11 @@ mod tests {
             ("distance = 8\ndistance-from = \"image\"", "distance-from"),
             ("feature = \"none\"\nsigma = 2", "sigma"),
             ("seeding = \"canny\"\nsurface = [\"a.ts\"]", "surface"),
+            ("extend-faults = \"3\"", "extend-faults"),
+            (
+                "extend-faults = \"-1\"\nsurface = [\"a.ts\"]",
+                "extend-faults",
+            ),
             ("beta = 1", "beta"),
         ] {
             let error = read(text).unwrap().validate().unwrap_err().to_string();

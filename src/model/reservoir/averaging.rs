@@ -8,7 +8,7 @@ use crate::geometry::grid_index::{for_each_corner, index_at, offset_of};
 use crate::parallel::prelude::*;
 
 use crate::error::cause;
-use crate::geometry::{distance2, volume6};
+use crate::geometry::{add_scaled, distance2, norm, sub, volume6};
 use crate::image::Image;
 use crate::mesh::poly::{Lists, PolyMesh};
 use crate::{Error, Result};
@@ -125,12 +125,7 @@ pub fn average_cells(
     let averaging = CellAveraging {
         mesh,
         positions,
-        samples: LiveSamples {
-            samples: image.as_slice(),
-            dims: image.dims(),
-            dead: &image.dead,
-            missing: &image.missing,
-        },
+        samples: LiveSamples::new(image),
         mean,
         faces: mesh.faces_of_cells(),
     };
@@ -179,7 +174,16 @@ struct LiveSamples<'a> {
     missing: &'a [bool],
 }
 
-impl LiveSamples<'_> {
+impl<'a> LiveSamples<'a> {
+    fn new(image: &'a Image<3>) -> Self {
+        Self {
+            samples: image.as_slice(),
+            dims: image.dims(),
+            dead: &image.dead,
+            missing: &image.missing,
+        }
+    }
+
     fn is_live(&self, offset: usize) -> bool {
         let is_set = |flags: &[bool], index: usize| flags.get(index).copied().unwrap_or(false);
         !is_set(self.dead, offset) && !is_set(self.missing, offset / self.dims[0])
@@ -211,6 +215,38 @@ impl LiveSamples<'_> {
             },
         );
         (sum / share, share)
+    }
+}
+
+/// A map from the model's metres to sample indices of an image, x first.
+pub type IndexMap = Box<dyn Fn([f64; 3]) -> [f64; 3] + Send + Sync>;
+
+/// An image that is looked up at places in the model's metres.
+pub struct ImageProbe {
+    image: Image<3>,
+    index_of: IndexMap,
+}
+
+impl ImageProbe {
+    /// Creates a probe of an image.
+    pub fn new(image: Image<3>, index_of: IndexMap) -> Self {
+        Self { image, index_of }
+    }
+
+    /// Returns the sample nearest to a place; `None` if it holds no data. Outside the image, the samples at its
+    /// sides apply.
+    pub fn value(&self, x: [f64; 3]) -> Option<f64> {
+        let samples = LiveSamples::new(&self.image);
+        let index = (self.index_of)(x);
+        let nearest = samples.nearest(index);
+        let has_value = index.iter().all(|i| i.is_finite()) && samples.is_live(nearest);
+        has_value.then(|| f64::from(samples.samples[nearest]))
+    }
+
+    /// Returns the distance between samples in metres at a place, along a direction.
+    pub fn sample_length(&self, x: [f64; 3], direction: [f64; 3]) -> f64 {
+        let [a, b] = [x, add_scaled(x, 1.0, direction)].map(|x| (self.index_of)(x));
+        norm(direction) / norm(sub(b, a))
     }
 }
 

@@ -20,6 +20,8 @@
 //! - `trajectory`: the segments of wells in cells
 //! - `completion`: well indices
 //! - `gouge`: fault rock from clay and throw
+//! - `gouge_profile`: the clay of the two walls of a fault
+//! - `fault_throws`: throws of faults, face by face
 //! - `extended_faults`: faults continued beyond their edges
 //! - `seal_check`: the flow that passes closed faults
 //! - `surface_sides`: the two sides of surfaces, and meshes split along them
@@ -32,7 +34,9 @@ pub(crate) mod closed_faults;
 pub(crate) mod completion;
 pub(crate) mod equilibrium;
 mod extended_faults;
+pub(crate) mod fault_throws;
 pub(crate) mod gouge;
+mod gouge_profile;
 pub(crate) mod model_frame;
 mod model_sets;
 pub(crate) mod periodic_pairs;
@@ -76,7 +80,7 @@ pub use case_options::{CaseOptions, FluidChoice};
 pub use check::ModelChecks;
 pub use completion::Completion;
 pub use equilibrium::{CapillaryOption, ContactOption, DatumOption, Equilibrium};
-pub use gouge::{FaultRock, FaultThrow, GougeOptions};
+pub use gouge::{FaultRock, FaultRockLaw, FaultThrow, GougeOptions};
 pub use model_frame::{DepthAxis, ModelFrame};
 pub use rock_options::{
     CellPermeability, CellProperty, CellValue, CutOff, PermeabilityUnit, RockOptions,
@@ -240,12 +244,19 @@ impl FaceSurfaces {
     /// Returns the number of the surface of each connection; 0 for none. The extension of a fault has the
     /// number of the fault.
     fn merged_labels(&self) -> Vec<u32> {
+        let merged = self.merged_numbers();
+        let labels = self.connection_surfaces.iter();
+        labels.map(|&label| merged[label as usize]).collect()
+    }
+
+    /// Returns for each number of a surface, from 0 for none, the number that counts: that of the fault for the
+    /// extension of a fault.
+    pub(crate) fn merged_numbers(&self) -> Vec<u32> {
         let mut merged: Vec<u32> = (0..=self.kinds.len() as u32).collect();
         for &(extension, fault) in &self.extensions {
             merged[extension as usize] = fault;
         }
-        let labels = self.connection_surfaces.iter();
-        labels.map(|&label| merged[label as usize]).collect()
+        merged
     }
 
     /// Adds surfaces of one kind on connections that lie on no other surface. `name_index` returns the

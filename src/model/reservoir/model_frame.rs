@@ -179,6 +179,11 @@ impl ModelFrame {
         self.scale[self.axes()[0]]
     }
 
+    /// Returns the metres in one unit of the coordinate that is depth.
+    pub fn vertical_scale(&self) -> f64 {
+        self.scale[self.depth_axis.axis]
+    }
+
     /// Returns `true` if the map is a reflection.
     pub fn is_mirrored(&self) -> bool {
         self.depth_axis.is_downward

@@ -15,6 +15,7 @@ use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Mesh, Positions, Simplices, TetMesh};
 use crate::model::columns::{COLUMN, LAYER};
 use crate::model::flow::anisotropy::AxisRatios;
+use crate::model::reservoir::averaging::{ImageProbe, IndexMap};
 use crate::model::reservoir::periodic_pairs::PeriodicImages;
 use crate::model::reservoir::region_shares::RegionShares;
 use crate::model::reservoir::{
@@ -411,7 +412,7 @@ impl PreparedModel {
     /// Returns [`Error::Image`] if the image has neither, and the errors of
     /// `averaging::average_cells`.
     pub fn average(&self, image: &Image<3>, mean: MeanKind, place: &str) -> Result<CellMeans> {
-        let positions = self.positions_in(image, place)?;
+        let (positions, _) = self.positions_in(image, place)?;
         averaging::average_cells(&self.model.mesh, &positions, image, mean, place)
     }
 
@@ -421,14 +422,23 @@ impl PreparedModel {
     /// # Errors
     /// Returns [`Error::Image`] as [`average`](Self::average) does.
     pub fn region_shares(&self, image: &Image<3>, place: &str) -> Result<RegionShares> {
-        let positions = self.positions_in(image, place)?;
+        let (positions, _) = self.positions_in(image, place)?;
         Ok(RegionShares::new(&self.model.mesh, &positions, image))
     }
 
-    /// Returns the positions of the mesh in an image: by the coordinates of the image, or, if it has as
-    /// many samples as the meshed image and no position that can be compared with the mesh's, by the
-    /// indices of its samples. The sign of z is the one with which the image covers the mesh.
-    fn positions_in(&self, image: &Image<3>, place: &str) -> Result<SamplePositions> {
+    /// Returns a probe of an image, which is placed as for [`average`](Self::average).
+    ///
+    /// # Errors
+    /// Returns [`Error::Image`] as [`average`](Self::average) does.
+    pub fn probe(&self, image: Image<3>, place: &str) -> Result<ImageProbe> {
+        let (_, index_of) = self.positions_in(&image, place)?;
+        Ok(ImageProbe::new(image, index_of))
+    }
+
+    /// Returns the positions of the mesh in an image, and the map to them: by the coordinates of the image, or, if
+    /// it has as many samples as the meshed image and no position that can be compared with the mesh's, by
+    /// the indices of its samples. The sign of z is the one with which the image covers the mesh.
+    fn positions_in(&self, image: &Image<3>, place: &str) -> Result<(SamplePositions, IndexMap)> {
         let dims = image.dims();
         let has_same_dims = (0..3).all(|k| (dims[k] as f64 - self.dims[k]).abs() < 1e-6);
         let relative = relative_place(&self.geometry, &image.geometry, dims, ROUNDING);
@@ -436,11 +446,12 @@ impl PreparedModel {
             || relative == RelativePlace::Same([false; 3]);
         let mesh = &self.model.mesh;
         if has_same_dims && is_same {
-            let index_of = |point: [f64; 3]| {
-                let index = self.geometry.to_index(self.frame.to_file(point));
+            let (geometry, frame) = (self.geometry.clone(), self.frame.clone());
+            let index_of: IndexMap = Box::new(move |point| {
+                let index = geometry.to_index(frame.to_file(point));
                 index.unwrap_or([f64::NAN; 3])
-            };
-            return Ok(SamplePositions::new(mesh, dims, index_of));
+            });
+            return Ok((SamplePositions::new(mesh, dims, &index_of), index_of));
         }
         let time_axis = image.geometry.time_coordinate();
         if time_axis.is_some_and(|c| metres_per_unit(&self.geometry.units[c]).is_some()) {
@@ -454,18 +465,18 @@ impl PreparedModel {
         } else {
             &[1.0]
         };
-        for sign in signs {
-            let index_of = |point: [f64; 3]| {
-                let point = self.frame.to_file(point);
-                let [fx, fy, fz] = factors.unwrap_or([1.0; 3]);
+        for &sign in signs {
+            let (geometry, frame) = (image.geometry.clone(), self.frame.clone());
+            let [fx, fy, fz] = factors.unwrap_or([1.0; 3]);
+            let index_of: IndexMap = Box::new(move |point| {
+                let point = frame.to_file(point);
                 let position = [point[0] * fx, point[1] * fy, point[2] * fz * sign];
-                let index = image.geometry.to_index(position);
-                index.unwrap_or([f64::NAN; 3])
-            };
-            let positions = SamplePositions::new(mesh, dims, index_of);
+                geometry.to_index(position).unwrap_or([f64::NAN; 3])
+            });
+            let positions = SamplePositions::new(mesh, dims, &index_of);
             let is_located = image.geometry.determinant() != 0.0;
             if is_located && positions.max_distance_outside() <= MAX_DISTANCE_OUTSIDE {
-                return Ok(positions);
+                return Ok((positions, index_of));
             }
         }
         Err(self.place_error(image, has_same_dims, place))

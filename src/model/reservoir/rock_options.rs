@@ -7,6 +7,7 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
+use super::averaging::ImageProbe;
 use super::{DeckRegions, MILLIDARCY, MeanKind, Model, PreparedModel};
 use crate::error::cause;
 use crate::files::table::quantities_by_region;
@@ -17,7 +18,7 @@ use crate::model::flow::{Rock, Tensor};
 use crate::names::NameRules;
 use crate::option_text::{InvalidValue, names_image, parse_number};
 use crate::option_text::{deserialize_optional, serde_as_text};
-use crate::progress::Progress;
+use crate::progress::{NoProgress, Progress};
 use crate::units::values::ValueMeasure;
 use crate::{Error, Result};
 
@@ -375,6 +376,37 @@ impl RockOptions {
         filling.values(option, value, MeanKind::Arithmetic, prepared)
     }
 
+    /// Returns the image that gives a value, to be looked up between the sites of cells; `None` if no image
+    /// does.
+    ///
+    /// # Errors
+    /// Returns the errors of [`fill`](Self::fill).
+    pub(crate) fn probe(
+        &self,
+        value: &CellValue,
+        prepared: &PreparedModel,
+        read_image: ReadImage<'_>,
+    ) -> Result<Option<ImageProbe>> {
+        let CellValue::Named(text) = value else {
+            return Ok(None);
+        };
+        let mut arrays = prepared.cell_data.iter();
+        if is_table(text) || arrays.any(|a| a.name == *text && a.components == 1) {
+            return Ok(None);
+        }
+        let mut filling = Filling {
+            input: &self.input,
+            read_image,
+            // The notes on the image are those of the values of cells.
+            progress: &mut NoProgress,
+            without_data: Vec::new(),
+            permeability_unit: 1.0,
+        };
+        let (path, _) = image_path(text);
+        let image = filling.read_image(path)?;
+        prepared.probe(image, &path.display().to_string()).map(Some)
+    }
+
     /// Returns the unit of permeability in m^2.
     fn unit(&self, permeability: &CellPermeability) -> Result<f64> {
         match self.permeability_unit {
@@ -557,13 +589,8 @@ impl Filling<'_> {
         mean: MeanKind,
         prepared: &PreparedModel,
     ) -> Result<Vec<f64>> {
-        let suffix = text.rsplit_once(':');
-        let (path, mean) =
-            match suffix.and_then(|(path, name)| Some((path, MeanKind::from_name(name)?))) {
-                Some((path, mean)) => (path, mean),
-                None => (text, mean),
-            };
-        let path = Path::new(path);
+        let (path, named_mean) = image_path(text);
+        let mean = named_mean.unwrap_or(mean);
         if !path.exists() && !names_image(path) {
             let scalars = prepared.cell_data.iter().filter(|a| a.components == 1);
             let names: Vec<&str> = scalars.map(|array| array.name.as_str()).collect();
@@ -616,6 +643,15 @@ impl Filling<'_> {
             self.progress.note(&format!("{}: {note}", path.display()));
         }
         Ok(marked.image)
+    }
+}
+
+/// Returns the path in the text `PATH[:MEAN]`, and the mean.
+fn image_path(text: &str) -> (&Path, Option<MeanKind>) {
+    let suffix = text.rsplit_once(':');
+    match suffix.and_then(|(path, name)| Some((path, MeanKind::from_name(name)?))) {
+        Some((path, mean)) => (Path::new(path), Some(mean)),
+        None => (Path::new(text), None),
     }
 }
 

@@ -10,19 +10,20 @@ use crate::model::surface::Surfaces;
 impl Model {
     /// Returns for each connection whether its second cell is on the upper side of its surface. The
     /// upper side is that of the surface's normal, which is consistent all over a surface and
-    /// points upwards on average. Only values of connections on surfaces have a meaning.
+    /// points upwards on average. The extension of a fault is a part of it. Only values of connections on
+    /// surfaces have a meaning.
     pub fn second_cell_is_upper(&self) -> Vec<bool> {
-        let surfaces = &self.surfaces;
-        let mut surface_faces: Vec<u32> = (0..surfaces.connection_surfaces.len() as u32)
-            .filter(|&f| surfaces.connection_surfaces[f as usize] > 0)
+        let labels = self.surfaces.merged_labels();
+        let mut surface_faces: Vec<u32> = (0..labels.len() as u32)
+            .filter(|&f| labels[f as usize] > 0)
             .collect();
-        surface_faces.sort_by_key(|&f| surfaces.connection_surfaces[f as usize]);
+        surface_faces.sort_by_key(|&f| labels[f as usize]);
         // Faces are convex, so the orientation of the first triangle is that of the face.
         let mut fans = Surfaces::<3>::default();
         let mut first_facet = Vec::with_capacity(surface_faces.len());
         let mut surface = 0;
         for &f in &surface_faces {
-            let face_surface = surfaces.connection_surfaces[f as usize];
+            let face_surface = labels[f as usize];
             if face_surface != surface {
                 fans.start.push(fans.facets.len());
                 surface = face_surface;
@@ -38,7 +39,7 @@ impl Model {
             .map(|&facet| fans.facets[facet][0])
             .collect();
         fans.orient(&self.mesh.nodes, [0.0, 0.0, 1.0]);
-        let mut is_upper = vec![true; surfaces.connection_surfaces.len()];
+        let mut is_upper = vec![true; labels.len()];
         for ((&f, facet), node) in surface_faces.iter().zip(first_facet).zip(first_node) {
             is_upper[f as usize] = fans.facets[facet][0] == node;
         }

@@ -52,6 +52,28 @@ impl Canvas {
         }
     }
 
+    /// Fills a polygon with one colour.
+    pub fn fill_polygon(&mut self, corners: &[[f32; 2]], [r, g, b, a]: [u8; 4]) {
+        let mut path = PathBuilder::new();
+        for (i, p) in corners.iter().enumerate() {
+            if i == 0 {
+                path.move_to(p[0], p[1]);
+            } else {
+                path.line_to(p[0], p[1]);
+            }
+        }
+        path.close();
+        let mut paint = Paint::default();
+        paint.set_color_rgba8(r, g, b, a);
+        // Without gaps between neighbours.
+        paint.anti_alias = false;
+        if let Some(path) = path.finish() {
+            let rule = tiny_skia::FillRule::Winding;
+            self.0
+                .fill_path(&path, &paint, rule, Transform::identity(), None);
+        }
+    }
+
     /// Draws straight lines of one colour; `width` is in pixels.
     pub fn draw_lines(&mut self, segments: &[[[f32; 2]; 2]], [r, g, b, a]: [u8; 4], width: f32) {
         let mut paint = Paint::default();

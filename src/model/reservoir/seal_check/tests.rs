@@ -119,6 +119,10 @@ fn cells(kind: Cells, normal: [f64; 3], random: &mut Random) -> (PolyMesh<3>, Op
 }
 
 /// Returns a model whose fault dips by `dip` degrees.
+#[expect(
+    clippy::too_many_lines,
+    reason = "one model, from its planes to its sealed connections"
+)]
 fn random_model(kind: Cells, dip: f64, defect: Defect, random: &mut Random) -> RandomModel {
     let azimuth = 0.5 * (random.draw() - 0.5);
     let (sin, cos) = dip.to_radians().sin_cos();

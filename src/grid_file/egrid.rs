@@ -258,9 +258,14 @@ impl ArrayFile {
     }
 
     /// Reads this number of numbers.
-    fn exact_numbers(&mut self, array: &ArrayHeader, count: usize, of: &str) -> Result<Vec<f64>> {
+    fn exact_numbers(
+        &mut self,
+        array: &ArrayHeader,
+        count: usize,
+        owner: &str,
+    ) -> Result<Vec<f64>> {
         if array.count != count {
-            let problem = format!("holds {} numbers, but {of} need {count}", array.count);
+            let problem = format!("holds {} numbers, but {owner} need {count}", array.count);
             return Err(self.error(array, problem));
         }
         self.numbers(array)

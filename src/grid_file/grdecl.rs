@@ -1,8 +1,8 @@
 //! Reads corner-point grids as text: GRDECL, or the sections of a deck up to SUMMARY.
 //!
 //! A keyword stands at the start of a line. Its data end at a slash, `3*1.5` stands for three numbers, and
-//! `--` begins a comment. What follows a slash in its line is a comment, too. Arrays that nobody asks for
-//! are counted and not kept.
+//! `--` begins a comment. What follows a slash in its line is a comment, too. Arrays that are not
+//! wanted are counted and not kept.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader};
@@ -83,10 +83,10 @@ pub(super) fn looks_like(head: &[u8]) -> bool {
         .map(str::trim)
         .filter(|line| !line.is_empty())
         .peekable();
-    let is_first_keyword = lines
+    let begins_with_keyword = lines
         .peek()
         .is_some_and(|line| line.split_whitespace().next().is_some_and(is_keyword));
-    is_first_keyword && lines.any(|line| MARKS.contains(&line))
+    begins_with_keyword && lines.any(|line| MARKS.contains(&line))
 }
 
 /// Returns `true` if a word can be a keyword.
@@ -159,7 +159,7 @@ impl TokenReader {
     /// Reads the next token. Words end at a slash unless `is_path`.
     fn next(&mut self, is_path: bool) -> Result<Token> {
         loop {
-            let is_first = self.is_line_start;
+            let begins_line = self.is_line_start;
             let Some(byte) = self.peek()? else {
                 return Ok(Token::End);
             };
@@ -185,7 +185,7 @@ impl TokenReader {
                         self.skip_line()?;
                         continue;
                     }
-                    return Ok(Token::Word(word, is_first));
+                    return Ok(Token::Word(word, begins_line));
                 }
             }
         }

@@ -316,17 +316,20 @@ impl<'a> GridSurfaces<'a> {
 
     /// Adds the faces of a fault between two columns.
     fn add_fault_faces(&mut self, edge: &ColumnEdge, levels: &HashMap<usize, Vec<[f64; 3]>>) {
-        let mut is_first = true;
+        let mut is_run_start = true;
         let last = edge.faulted.iter().rposition(|is_faulted| *is_faulted);
         for (at, layer) in edge.layers.clone().enumerate() {
             if !edge.faulted[at] {
-                is_first = true;
+                is_run_start = true;
                 continue;
             }
-            let is_last = Some(at) == last || edge.faulted.get(at + 1) == Some(&false);
+            let is_run_end = Some(at) == last || edge.faulted.get(at + 1) == Some(&false);
             // A run of faces reaches from the highest to the lowest corner.
-            let kinds = [if is_first { 0 } else { 1 }, if is_last { 2 } else { 1 }];
-            is_first = false;
+            let kinds = [
+                if is_run_start { 0 } else { 1 },
+                if is_run_end { 2 } else { 1 },
+            ];
+            is_run_start = false;
             let mut throw = 0.0;
             for pillar in 0..2 {
                 for level in [layer, layer + 1] {

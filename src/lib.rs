@@ -14,6 +14,7 @@
 //! geometry      vectors, cell lists, union-find, quantiles: what all other modules use
 //! files         files that appear complete or not at all; VTK's XML format; values as bytes
 //! comm          processes that share a job, or one process alone; the crate `atomesh-mpi` runs it with MPI
+//! grid_file     corner-point grids of reservoir simulators, in files
 //! image         samples and their position in the world; formats, synthetic images
 //! mesh          cells, their checks and measures; Delaunay triangulations, Voronoi cells
 //! mesh_file     mesh files as values, and their writers
@@ -83,6 +84,7 @@ pub mod feature;
 #[doc(hidden)]
 pub mod files;
 pub(crate) mod geometry;
+pub(crate) mod grid_file;
 pub mod image;
 pub mod improve;
 pub mod job;

@@ -29,6 +29,7 @@ const LAYERS: [Layer; 4] = [
             "geometry",
             "files",
             "comm",
+            "grid_file",
             "image",
             "mesh",
             "mesh_file",

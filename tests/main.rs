@@ -20,6 +20,7 @@ mod checkpoint;
 mod columns;
 mod compartments;
 mod conforming;
+mod corner_point_grids;
 mod corner_points;
 mod dicom;
 mod directions;

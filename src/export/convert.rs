@@ -10,6 +10,7 @@ use super::surfaces::vtp::read_surfaces;
 use super::{FaultSticks, Gocad, read_gocad, write_sticks};
 use crate::error::cause;
 use crate::files::output::check_output;
+use crate::grid_file::{self, GRID_EXTENSIONS, GridFile, write_grid};
 use crate::image::formats::grids::displacement_note;
 use crate::image::formats::label_table;
 use crate::image::formats::segy::{SegyFloat, write_like};
@@ -23,6 +24,7 @@ use crate::image::image_in_depth;
 use crate::image::stated::StatedCoordinates;
 use crate::image::{Image, LabelValue};
 use crate::option_text::NumberOrFile;
+use crate::surface_file::grid_surfaces::read_grid_surfaces;
 use crate::surface_file::interpretation::{PickedShape, PickedSurface, read_interpretation};
 use crate::surface_file::obj::read_obj;
 use crate::surface_file::ply::read_ply;
@@ -63,9 +65,41 @@ const SURFACE_EXTENSIONS: [&str; 8] = ["vtp", "ts", "pl", "csv", "charisma", "ob
 /// File endings of surfaces that can be written.
 const WRITTEN_SURFACE_EXTENSIONS: [&str; 5] = ["vtp", "obj", "ts", "pl", "csv"];
 
+/// File endings of the surfaces that are written from a corner-point grid.
+const GRID_SURFACE_EXTENSIONS: [&str; 3] = ["vtp", "obj", "ts"];
+
 /// Returns `true` if the file at `path` holds surfaces and no image, judged by its ending.
 fn holds_surfaces(path: &Path) -> bool {
     SURFACE_EXTENSIONS.contains(&extension(path).as_str())
+}
+
+/// The content that a corner-point grid is converted to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum GridTarget {
+    /// A property on a lattice.
+    Image,
+    /// Faults and horizons.
+    Surfaces,
+    /// The grid in another format.
+    Grid,
+}
+
+impl GridTarget {
+    /// Returns what the file `output` holds of the grid at `input`, judged by its ending; `None` if
+    /// `input` holds no corner-point grid.
+    fn of_files(input: &Path, output: &Path) -> Option<Self> {
+        let ending = extension(output);
+        let is_grid = grid_file::is_grid(input) || grid_file::split_name(input).is_some();
+        is_grid.then(|| {
+            if GRID_SURFACE_EXTENSIONS.contains(&ending.as_str()) {
+                Self::Surfaces
+            } else if GRID_EXTENSIONS.contains(&ending.as_str()) {
+                Self::Grid
+            } else {
+                Self::Image
+            }
+        })
+    }
 }
 
 impl ConvertSpec {
@@ -86,6 +120,11 @@ impl ConvertSpec {
         } else if holds_surfaces(input) || self.like.is_some() {
             let problem = "writes names of labels, and the input has none";
             return Err(Error::Job(cause("label-table-out", problem, "omit it")));
+        }
+        if let Some(target @ (GridTarget::Surfaces | GridTarget::Grid)) =
+            GridTarget::of_files(input, output)
+        {
+            return self.refuse_image_options(target);
         }
         if holds_surfaces(input) {
             self.input.refuse_unused("surfaces are read", "omit it")?;
@@ -120,6 +159,33 @@ impl ConvertSpec {
 }
 
 impl ConvertSpec {
+    /// Checks that no option of images is given where a corner-point grid is not sampled.
+    fn refuse_image_options(&self, target: GridTarget) -> Result<()> {
+        let result = match target {
+            GridTarget::Surfaces => "surfaces are written",
+            _ => "a corner-point grid is written",
+        };
+        self.input
+            .refuse_unused(result, "omit it, or write an image")?;
+        let given = [
+            ("velocity", self.velocity.is_some()),
+            ("like", self.like.is_some()),
+            ("sample-format", self.sample_format.is_some()),
+            ("label-table-out", self.label_table_out.is_some()),
+        ];
+        match given.iter().find(|(_, is_given)| *is_given) {
+            Some((name, _)) => {
+                let problem = format!("is for images, but {result}");
+                Err(Error::Job(cause(
+                    *name,
+                    problem,
+                    "omit it, or write an image",
+                )))
+            }
+            None => Ok(()),
+        }
+    }
+
     /// Checks that the options apply to the files, and that the output has the right ending and
     /// replaces no input.
     ///
@@ -131,7 +197,17 @@ impl ConvertSpec {
         if holds_surfaces(input) {
             return check_output(output, "OUT", &WRITTEN_SURFACE_EXTENSIONS, &[input]);
         }
-        let mut inputs = vec![input];
+        let grid = formats::file_of_data_set(input);
+        let mut inputs = vec![grid.as_deref().unwrap_or(input)];
+        match GridTarget::of_files(input, output) {
+            Some(GridTarget::Surfaces) => {
+                return check_output(output, "OUT", &GRID_SURFACE_EXTENSIONS, &inputs);
+            }
+            Some(GridTarget::Grid) => {
+                return check_output(output, "OUT", &GRID_EXTENSIONS, &inputs);
+            }
+            _ => {}
+        }
         inputs.extend(self.input.geometry_from.as_deref());
         inputs.extend(self.like.as_deref());
         inputs.extend(self.velocity.as_ref().and_then(NumberOrFile::file));
@@ -171,9 +247,14 @@ pub enum Converted {
     Survey(SurveyCopy),
     /// Surfaces or curves.
     Surfaces(AnySurfaces),
+    /// A corner-point grid.
+    Grid(GridCopy),
     /// Fault sticks.
     Sticks(Vec<FaultSticks>),
 }
+
+/// A corner-point grid that is written in another format.
+pub struct GridCopy(GridFile);
 
 /// A volume, and the survey whose headers it gets.
 #[derive(Debug)]
@@ -214,6 +295,19 @@ pub fn convert(
     open: OpenImage<'_>,
 ) -> Result<(Converted, Vec<String>)> {
     spec.validate(input, output)?;
+    match GridTarget::of_files(input, output) {
+        Some(GridTarget::Surfaces) => {
+            let (file, notes) = read_grid_surfaces(input)?;
+            let converted = Converted::Surfaces(file.into()).checked(input)?;
+            return Ok((converted, notes));
+        }
+        Some(GridTarget::Grid) => {
+            let (grid, _) = GridFile::open(input, &|_| true)?;
+            let notes = grid.notes.clone();
+            return Ok((Converted::Grid(GridCopy(grid)), notes));
+        }
+        _ => {}
+    }
     if holds_surfaces(input) {
         return convert_surfaces(input, output);
     }
@@ -456,12 +550,14 @@ impl Converted {
         Ok(names.len())
     }
 
-    /// Returns the number of samples along each axis of an image; for surfaces it is empty.
+    /// Returns the number of samples along each axis of an image, or of cells along each axis of a grid;
+    /// for surfaces it is empty.
     pub fn dims(&self) -> Vec<usize> {
         match self {
             Self::Stream(stream) => stream.header.dims.to_vec(),
             Self::Image(image) => image.dims(),
             Self::Survey(copy) => copy.image.dims().to_vec(),
+            Self::Grid(GridCopy(grid)) => grid.dims.to_vec(),
             Self::Surfaces(_) | Self::Sticks(_) => Vec::new(),
         }
     }
@@ -498,6 +594,7 @@ impl Converted {
             }
             Self::Surfaces(surfaces) => surfaces.write(path)?,
             Self::Sticks(sticks) => write_sticks(path, sticks)?,
+            Self::Grid(GridCopy(grid)) => write_grid(path, grid)?,
         }
         Ok(Vec::new())
     }

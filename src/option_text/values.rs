@@ -36,11 +36,14 @@ impl Display for InvalidValue {
 }
 
 impl std::error::Error for InvalidValue {}
-/// Returns `true` if `path` is a file, or `<name>`, the form in which front ends name images in
-/// memory.
+/// Returns `true` if `path` is a file, `FILE:NAME`, a part of a file, or `<name>`, the form in which front
+/// ends name images in memory.
 pub(crate) fn names_image(path: &Path) -> bool {
     let name = path.as_os_str().as_encoded_bytes();
-    path.is_file() || name.starts_with(b"<") && name.ends_with(b">")
+    let part = path.to_str().and_then(|text| text.rsplit_once(':'));
+    path.is_file()
+        || part.is_some_and(|(file, _)| Path::new(file).is_file())
+        || name.starts_with(b"<") && name.ends_with(b">")
 }
 
 /// A number that is the same everywhere, or a file with a number for each sample.

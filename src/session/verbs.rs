@@ -157,6 +157,10 @@ impl Session<'_> {
                     json!({ "surfaces": surfaces }),
                 )
             }
+            dims if matches!(converted, Converted::Grid(_)) => {
+                let cells = samples(dims).replace("samples", "cells");
+                (cells, json!({ "dims": dims }))
+            }
             dims => (samples(dims), json!({ "dims": dims })),
         };
         let mut answer = Answer::new("", file_report(output, fields)).with_file(output, &content);

@@ -3,6 +3,7 @@
 //! - `tsurf`: GOCAD surfaces, lines and points
 //! - `vtp`: VTK poly data
 //! - `obj`, `stl`, `ply`: triangles of other programs
+//! - `grid_surfaces`: faults and horizons of corner-point grids
 //! - `sticks`: fault sticks
 //! - `joining`: fault sticks become surfaces
 //! - `place_terms`, `place_columns`, `point_table`: points and sticks in tables
@@ -12,6 +13,7 @@
 //! - `write`: the choice of the format, and of the names in it
 
 pub(crate) mod file_option;
+pub(crate) mod grid_surfaces;
 pub mod interpretation;
 pub mod joining;
 pub mod obj;

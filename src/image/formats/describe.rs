@@ -9,6 +9,7 @@ use super::samples;
 use super::stream::{ImageStream, MAX_SAMPLES_IN_MEMORY, OpenedImage, SlabSource};
 use super::{ImageFormat, LoadedImage, ReadOptions, SegyInfo, detect, open, segy};
 use crate::error::{Cause, Result, io_error};
+use crate::grid_file::{self, GridDescription};
 use crate::image::check::StatsAccumulator;
 use crate::image::formats::with_loaded;
 use crate::image::{Geometry, Image, LabelTable, LabelValue, Modality, Stats};
@@ -26,6 +27,8 @@ pub struct Description {
     pub image: Option<ImageDescription>,
     /// Contents of the headers of a SEG-Y file.
     pub survey: Option<SegyInfo>,
+    /// Cells of a corner-point grid.
+    pub grid: Option<GridDescription>,
     /// Further messages for the user.
     pub notes: Vec<String>,
 }
@@ -78,10 +81,15 @@ pub struct AxisDescription {
 /// # Errors
 /// Returns a [`crate::Error::Io`] if the file cannot be read or understood at all.
 pub fn describe(path: &Path, options: &ReadOptions) -> Result<Description> {
-    if detect(path, options)? == ImageFormat::Segy && options.keep_all_samples() {
+    let format = detect(path, options)?;
+    if format == ImageFormat::Segy && options.keep_all_samples() {
         return describe_survey(segy::SegySurvey::open(path, &options.segy)?, path);
     }
-    Description::from_opened(path, open(path, options)?)
+    let mut description = Description::from_opened(path, open(path, options)?)?;
+    if format == ImageFormat::CornerPoints {
+        description.grid = Some(grid_file::describe(path)?);
+    }
+    Ok(description)
 }
 
 /// Describes a SEG-Y file, also if it cannot be read as an image.
@@ -97,6 +105,7 @@ fn describe_survey(mut survey: segy::SegySurvey, path: &Path) -> Result<Descript
             encoding: survey.info.encoding.clone(),
             image: None,
             survey: Some(survey.info),
+            grid: None,
             notes: survey.notes,
         }
     };
@@ -196,6 +205,7 @@ impl Description {
                 stats,
             )),
             survey: header.survey,
+            grid: None,
             notes: header.notes.into_iter().chain(note).collect(),
         })
     }
@@ -208,6 +218,7 @@ impl Description {
             encoding: loaded.encoding,
             image: Some(ImageDescription::from_image(&loaded.image, modality)),
             survey: loaded.survey,
+            grid: None,
             notes: loaded.notes,
         }
     }
@@ -224,6 +235,9 @@ impl Description {
         let mut row = |name: &str, value: String| rows.push((name.into(), value));
         if let Some(survey) = &self.survey {
             survey_rows(survey, &mut row);
+        }
+        if let Some(grid) = &self.grid {
+            grid_rows(grid, &mut row);
         }
         if let Some(image) = &self.image {
             image_rows(image, &mut row);
@@ -304,6 +318,44 @@ fn survey_rows(survey: &SegyInfo, row: &mut impl FnMut(&str, String)) {
                 survey.missing, survey.duplicates
             ),
         );
+    }
+}
+
+fn grid_rows(grid: &GridDescription, row: &mut impl FnMut(&str, String)) {
+    let [nx, ny, nz] = grid.dims;
+    let hand = if grid.is_left_handed { "left" } else { "right" };
+    row(
+        "grid",
+        format!(
+            "{nx} x {ny} x {nz} cells, {} active, {hand}-handed",
+            grid.active
+        ),
+    );
+    let volumes = |volume: f64, pore_volume: Option<f64>| {
+        let unit = &grid.unit;
+        let pores = pore_volume.map(|pores| format!(", pore volume {pores:.6e} {unit}3"));
+        format!("volume {volume:.6e} {unit}3{}", pores.unwrap_or_default())
+    };
+    row("cells", volumes(grid.volume, grid.pore_volume));
+    if grid.inverted > 0 {
+        row(
+            "bad",
+            format!("{} cells are turned inside out", grid.inverted),
+        );
+    }
+    if !grid.properties.is_empty() {
+        row("properties", grid.properties.join(", "));
+    }
+    for region in grid.regions.iter().take(MAX_LABELS_SHOWN) {
+        let volumes = volumes(region.volume, region.pore_volume);
+        let (name, value, cells) = (&grid.property, region.value, region.cells);
+        row(
+            "region",
+            format!("{name} {value}: {cells} cells, {volumes}"),
+        );
+    }
+    if grid.regions.len() > MAX_LABELS_SHOWN {
+        row("region", "... (all in JSON)".into());
     }
 }
 

@@ -55,7 +55,8 @@ pub struct InputOptions {
     #[serde(deserialize_with = "deserialize_optional")]
     pub raw: Option<String>,
     /// Distances between samples along the axes of the array, the fastest first, or one for all: for
-    /// an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
+    /// an array without geometry (.npy, raw, .tif, .png), in place of those of the file, or of the
+    /// lattice on which a corner-point grid is sampled
     #[arg(long, value_name = "A,B,C")]
     #[serde(deserialize_with = "deserialize_optional")]
     pub spacing: Option<String>,

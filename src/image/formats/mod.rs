@@ -6,6 +6,7 @@
 //! - `foreign`: formats of others that are recognised and not read
 //! - `grids`: grids of heights: IRAP classic, ZMAP+, CPS-3, Surfer, ESRI ASCII
 //! - `hdf5`: arrays in HDF5 files, of h5py, MATLAB, ilastik, ITK and VTK
+//! - `corner_points`: properties of corner-point grids, sampled on a lattice
 //! - `crop`: blocks of images
 //! - `dicom`: series, frames and segmentations of DICOM
 //! - `inside`: outlines of the part of an image that is kept
@@ -33,6 +34,7 @@
 //! - `input`: options of the user for reading a file
 //! - `describe`: description of a file for people and for programs
 
+mod corner_points;
 pub(crate) mod crop;
 pub(crate) mod describe;
 mod dicom;
@@ -71,8 +73,10 @@ use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result, cause, io_error};
 use crate::files::{self, vtk};
+use crate::grid_file;
 use crate::image::Image;
 
+pub use crate::grid_file::{GridDescription, GridRegion};
 pub use crop::Crop;
 pub use describe::{Description, describe};
 pub use file_hash::file_hash;
@@ -160,6 +164,8 @@ pub enum ImageFormat {
     Dicom,
     /// A folder of PNG or TIFF slices.
     SliceFolder,
+    /// A property of a corner-point grid, EGRID or GRDECL.
+    CornerPoints,
     /// Samples without a header.
     Raw,
 }
@@ -195,6 +201,7 @@ impl fmt::Display for ImageFormat {
             Self::Hdf5 => "HDF5",
             Self::Dicom => "DICOM",
             Self::SliceFolder => "folder of slices",
+            Self::CornerPoints => "corner-point grid",
             Self::Raw => "raw samples",
         })
     }
@@ -343,7 +350,8 @@ pub fn read_any(path: &Path, options: &ReadOptions) -> Result<AnyImage> {
 /// # Errors
 /// Returns the errors of [`read_any`].
 pub(crate) fn open(path: &Path, options: &ReadOptions) -> Result<OpenedImage> {
-    let mut opened = open_as_stored(path, options)?;
+    let format = detect(path, options)?;
+    let mut opened = open_as_stored(path, format, options)?;
     name_labels(&mut opened, path, options.label_table.as_deref())?;
     let opened = match opened {
         // The geometry of a 2-D image is derived when its samples are loaded.
@@ -352,7 +360,12 @@ pub(crate) fn open(path: &Path, options: &ReadOptions) -> Result<OpenedImage> {
         }
         other => other,
     };
-    let opened = options.placement.apply(opened, &options.segy)?;
+    let placement = if format == ImageFormat::CornerPoints {
+        options.placement.without_spacing()
+    } else {
+        options.placement.clone()
+    };
+    let opened = placement.apply(opened, &options.segy)?;
     restricted(opened.with_nulls(&options.nulls), path, options)
 }
 
@@ -462,8 +475,8 @@ fn masked(image: AnyImage, path: &Path, mask: &Path, fit: inside::FitMask<'_>) -
 }
 
 /// Opens an image with the geometry that its file gives.
-fn open_as_stored(path: &Path, options: &ReadOptions) -> Result<OpenedImage> {
-    let loaded = match detect(path, options)? {
+fn open_as_stored(path: &Path, format: ImageFormat, options: &ReadOptions) -> Result<OpenedImage> {
+    let loaded = match format {
         ImageFormat::Png => {
             return png::read(path)
                 .map(AnyImage::Plane)
@@ -486,6 +499,9 @@ fn open_as_stored(path: &Path, options: &ReadOptions) -> Result<OpenedImage> {
         ImageFormat::Zarr => return zarr::open(path).map(OpenedImage::Stream),
         ImageFormat::Dicom => return dicom::open(path, options.layer),
         ImageFormat::SliceFolder => return slice_folder::open(path).map(OpenedImage::Stream),
+        ImageFormat::CornerPoints => {
+            return corner_points::open(path, &options.placement).map(OpenedImage::Stream);
+        }
         ImageFormat::Nifti => nifti::read(path)?,
         ImageFormat::MetaImage => metaimage::read(path)?,
         ImageFormat::Nrrd => nrrd::read(path, options.layer)?,
@@ -549,8 +565,14 @@ fn detect_container(path: &Path, options: &ReadOptions) -> Result<Option<ImageFo
     if !is_raw && is_folder && slice_folder::has_slices(path) {
         return Ok(Some(ImageFormat::SliceFolder));
     }
-    let is_data_set = !is_raw && hdf5::split_path(path).is_some();
-    Ok(is_data_set.then_some(ImageFormat::Hdf5))
+    if is_raw {
+        return Ok(None);
+    }
+    if hdf5::split_path(path).is_some() {
+        return Ok(Some(ImageFormat::Hdf5));
+    }
+    let is_property = grid_file::split_name(path).is_some();
+    Ok(is_property.then_some(ImageFormat::CornerPoints))
 }
 
 /// Detects the format of a file from its content. The format is raw only if the options describe
@@ -623,6 +645,9 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<ImageFormat> {
             "give an image, not a mesh",
         )));
     }
+    if grid_file::is_grid(path) {
+        return Ok(ImageFormat::CornerPoints);
+    }
     // For a file with a SEG-Y name the SEG-Y reader reports what is wrong with it.
     let has_segy_name = matches!(extension(path).as_str(), "sgy" | "segy");
     if has_segy_name || segy::looks_like(&head) {
@@ -631,9 +656,11 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<ImageFormat> {
     Err(foreign::late_refusal(path, &head).unwrap_or_else(|| unknown_format(path)))
 }
 
-/// Returns the file of a data set that is named `FILE:/PATH`; `None` for other names.
+/// Returns the file of a data set that is named `FILE:/PATH`, or of a property of a grid that is named
+/// `FILE:NAME`; `None` for other names.
 pub(crate) fn file_of_data_set(path: &Path) -> Option<PathBuf> {
-    Some(hdf5::split_path(path)?.0)
+    let (file, _) = hdf5::split_path(path).or_else(|| grid_file::split_name(path))?;
+    Some(file)
 }
 
 /// Number of bytes at the start of a file from which its format is detected.
@@ -658,7 +685,7 @@ fn unknown_format(path: &Path) -> Error {
     Error::Io(
         cause(
             path.display(),
-            "is not in a known image format (SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png, .irap, .zmap, .cps3, .grd, .asc, HDF5, Zarr, DICOM)",
+            "is not in a known image format (SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png, .irap, .zmap, .cps3, .grd, .asc, EGRID, GRDECL, HDF5, Zarr, DICOM)",
             "say what it holds, e.g. 100x400x208:f32be (fastest axis first), or convert it to .npy",
         )
         .with_parameter("raw"),

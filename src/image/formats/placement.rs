@@ -94,6 +94,16 @@ impl ImagePlacement {
         *self == Self::default()
     }
 
+    /// Returns the options without those of the distances between samples, for formats that have been
+    /// sampled at these distances.
+    pub(super) fn without_spacing(&self) -> Self {
+        Self {
+            spacing: None,
+            interval: None,
+            ..self.clone()
+        }
+    }
+
     /// Applies the geometry to an image.
     ///
     /// # Errors

@@ -231,9 +231,6 @@ serde_as_text!(
     CutOff: ["="; 2],
 );
 
-/// End of the value of an option for an image of which the nearest samples count.
-const NEAREST_SUFFIX: &str = ":nearest";
-
 /// Returns an error about an option.
 fn option_error(option: &str, value: impl Display, problem: &str, remedy: &str) -> Error {
     Error::Job(cause(format!("{option} {value}"), problem, remedy))
@@ -572,7 +569,10 @@ impl Filling<'_> {
     /// Returns the region of each cell: the label of an image that fills the largest part of it, or,
     /// for `IMAGE:nearest`, the label at its site.
     fn regions(&mut self, text: &str, prepared: &PreparedModel) -> Result<Vec<i32>> {
-        if text.ends_with(NEAREST_SUFFIX) || !Path::new(text).exists() {
+        let part = text.rsplit_once(':');
+        let part = part.filter(|(_, name)| MeanKind::from_name(name).is_none());
+        let is_file = |text: &str| Path::new(text).exists();
+        if !is_file(text) && !part.is_some_and(|(file, _)| is_file(file)) {
             let labels = self.image_values("region", text, MeanKind::Nearest, prepared)?;
             return Ok(labels.iter().map(|&label| label.round() as i32).collect());
         }

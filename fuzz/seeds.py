@@ -56,6 +56,15 @@ def survey(lines=4, samples=9):
     return bytes(head) + b"".join(traces)
 
 
+def corner_points():
+    """Returns a corner-point grid of 2 x 1 x 2 cells, with a fault between the columns."""
+    pillars = [f"{x} {y} 0 {x + 1} {y} 9" for y in (0, 5) for x in (0, 5, 10)]
+    depths = [" ".join(str(2 + 2 * ((level + 1) // 2) + corner // 2) for corner in range(4))
+              for level in range(4) for _ in range(2)]
+    return "\n".join(["SPECGRID", "2 1 2 1 F /", "COORD", *pillars, "/", "ZCORN", *depths, "/", "ACTNUM", "3*1 0 /",
+                      "PORO", "2*.1 .2 1D-1 /", "FIPNUM", "1 2*2 3 /", "FAULTS", "'F' 1 1 1 1 1 2 I /", "/", ""])
+
+
 with tempfile.TemporaryDirectory() as folder:
     def run(*arguments):
         subprocess.run([binary, *arguments, "--quiet"], cwd=folder, check=True)
@@ -72,6 +81,11 @@ with tempfile.TemporaryDirectory() as folder:
     with open(in_folder("l.sgy"), "wb") as out:
         out.write(survey())
     image("survey", in_folder("l.sgy"))
+    with open(in_folder("g.grdecl"), "w") as out:
+        out.write(corner_points())
+    run("convert", "g.grdecl", "g.EGRID")
+    for ending in ("grdecl", "EGRID"):
+        write_seed("images", "grid-" + ending, 0, content(in_folder("g." + ending)))
     run("mesh", "b.npy", "-o", "t.vtu", "--distance", "3", "--feature", "edges")
     run("mesh", "b.npy", "-o", "v.vtu", "--distance", "3", "--cells", "voronoi")
     run("mesh", "s.npy", "-o", "p.vtu", "--distance", "5")

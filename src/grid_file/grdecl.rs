@@ -559,8 +559,10 @@ impl GridReader<'_> {
         }
         if read.count != count {
             let needed = match self.dims {
-                Some(([nx, ny, nz], _)) => format!("{nx} x {ny} x {nz} cells need {count}"),
-                None => format!("it needs {count}"),
+                Some(([nx, ny, nz], _)) if keyword != "MAPAXES" => {
+                    format!("{nx} x {ny} x {nz} cells need {count}")
+                }
+                _ => format!("it needs {count}"),
             };
             let problem = format!("{keyword} holds {} numbers, but {needed}", read.count);
             return Err(self.error(

@@ -29,8 +29,8 @@ const SAMPLES_PER_CELL: f64 = 2.0;
 /// Largest number of samples that the default spacing gives.
 const MAX_DEFAULT_SAMPLES: f64 = 3e7;
 
-/// Largest number of samples along an axis.
-const MAX_SAMPLES_PER_AXIS: f64 = 1e6;
+/// Largest number of samples.
+const MAX_SAMPLES: f64 = 1e11;
 
 /// Angle, as a sine, up to which the lattice is parallel to x and y.
 const MAX_PARALLEL_SINE: f64 = 1e-6;
@@ -200,10 +200,10 @@ fn spacing(
     if let Some(value) = spacing.iter().find(|s| !(**s > 0.0 && s.is_finite())) {
         return Err(refuse(format!("spacing {value}"), "is not positive"));
     }
-    let max_count = (0..3).map(|c| extent[c] / spacing[c]).fold(0.0, f64::max);
-    if max_count > MAX_SAMPLES_PER_AXIS {
+    let count: f64 = (0..3).map(|c| extent[c] / spacing[c] + 2.0).product();
+    if count > MAX_SAMPLES {
         let text = spacing.map(|s| s.to_string()).join(",");
-        let problem = format!("makes more than {MAX_SAMPLES_PER_AXIS} samples along an axis");
+        let problem = format!("makes more than {MAX_SAMPLES} samples");
         return Err(refuse(format!("spacing {text}"), &problem));
     }
     Ok(spacing)

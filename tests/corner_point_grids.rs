@@ -384,7 +384,7 @@ fn samples_have_the_values_of_their_cells() {
         let folder = folder(&model);
         let folder = folder.path();
         for file in ["MODEL.EGRID", "TEXT.GRDECL"] {
-            let spacing = "--spacing 17,11,3 --quiet";
+            let spacing = "--spacing 7.3,4.7,1.3 --quiet";
             run(folder, &format!("convert {file} labels.vti {spacing}"));
             run(
                 folder,
@@ -419,7 +419,7 @@ fn samples_have_the_values_of_their_cells() {
                 counts[label as usize] += 1;
             }
             // The lattice reaches beyond the cells on all sides, and its samples have equal volumes.
-            let volume = 17.0 * 11.0 * 3.0;
+            let volume = 7.3 * 4.7 * 1.3;
             for value in [1, 2] {
                 let found = f64::from(counts[value as usize]) * volume;
                 assert!(
@@ -658,10 +658,28 @@ fn a_model_is_meshed_again() {
     let line = "mesh MODEL.EGRID --spacing 10,5,1 --distance 6 --drop 0 --surface faults.vtp,fault -o new.vtu";
     let report: Value =
         serde_json::from_str(&run(folder, &format!("{line} --json --quiet"))).unwrap();
-    println!("{}", report["regions"]);
-    let deck = "export new.vtu --to opm -o new --porosity MODEL.EGRID:PORO --permeability 100 --json --quiet";
+    let number = |value: &Value| value.as_f64().unwrap();
+    let regions = report["regions"]["regions"].as_array().unwrap();
+    assert_eq!(regions.len(), 2);
+    for (region, value) in regions.iter().zip([1, 2]) {
+        let (volume, expected) = (number(&region["volume"]), expected_region(value).1);
+        assert!(
+            is_close(volume, expected, 0.02),
+            "{value}: {volume}, not {expected}"
+        );
+    }
+    // The fault of the old model is followed.
+    let surfaces = report["given_surfaces"].as_array().unwrap();
+    let cover: f64 = surfaces
+        .iter()
+        .map(|s| number(&s["coverage"]))
+        .fold(1.0, f64::min);
+    assert!(cover > 0.9, "{report}");
+    let deck = "export new.vtu --to opm -o NEW.DATA --porosity MODEL.EGRID:PORO --permeability 100 --permeability-unit mD --json --quiet";
     let model: Value = serde_json::from_str(&run(folder, deck)).unwrap();
-    println!("{model}");
+    let pores = number(&model["checks"]["pore_volume"]);
+    let expected = expected_region(1).2 + expected_region(2).2;
+    assert!(is_close(pores, expected, 0.02), "{pores}, not {expected}");
 }
 
 #[test]
@@ -694,7 +712,7 @@ fn damaged_and_odd_grids_are_refused_in_one_line() {
     changed[head + 4..head + 16].copy_from_slice(&[0x7f; 12]);
     refusal(&changed, "a.EGRID", "claims a grid of");
     let mut changed = good.clone();
-    changed[at(b"COORD") + 24] ^= 0x40;
+    changed[at(b"COORD") + 20] ^= 0x40;
     refusal(&changed, "a.EGRID", "COORD at byte");
     let mut changed = good.clone();
     let nan = at(b"ZCORN") + 28;
@@ -708,7 +726,7 @@ fn damaged_and_odd_grids_are_refused_in_one_line() {
     // An INIT of another run.
     std::fs::write(folder.join("b.EGRID"), &good).unwrap();
     let other = init();
-    let at = other.windows(8).position(|w| w == b"INTEHEAD").unwrap() + 20 + 4 * 8;
+    let at = other.windows(8).position(|w| w == b"INTEHEAD").unwrap() + 24 + 4 * 8;
     let mut changed = other.clone();
     changed[at + 3] = 9;
     std::fs::write(folder.join("b.INIT"), &changed).unwrap();
@@ -774,7 +792,7 @@ fn damaged_and_odd_grids_are_refused_in_one_line() {
     }
     std::fs::write(
         folder.join("t.GRDECL"),
-        with("PORO -- numbers\n", "PORO\n x\n"),
+        with("PORO -- numbers\n", "PORO\n 0.1 x\n"),
     )
     .unwrap();
     let error = expect_refusal(folder, &["convert", "t.GRDECL:PORO", "out.npy"]);

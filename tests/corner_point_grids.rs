@@ -683,6 +683,10 @@ fn a_model_is_meshed_again() {
 }
 
 #[test]
+#[expect(
+    clippy::too_many_lines,
+    reason = "a table of damages and their messages"
+)]
 fn damaged_and_odd_grids_are_refused_in_one_line() {
     let folder = folder(&Model::PLAIN);
     let folder = folder.path();

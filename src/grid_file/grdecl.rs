@@ -395,30 +395,8 @@ impl GridReader<'_> {
                     self.active = flags.iter().map(|flag| *flag != 0.0).collect();
                 }
             }
-            "MAPAXES" => {
-                let axes = self.array(keyword, 6)?;
-                let axes = std::array::from_fn(|n| axes[n]);
-                self.notes.extend(self.frame.set_map_axes(axes));
-            }
-            "MAPUNITS" => {
-                let words = self.record(keyword)?;
-                self.frame.map_unit = self.unit(keyword, &words)?;
-            }
-            "GRIDUNIT" => {
-                let words = self.record(keyword)?;
-                self.frame.grid_unit = self.unit(keyword, &words)?;
-                // The two words may stand in one quoted text.
-                let last = words.iter().flat_map(|word| word.split_whitespace()).nth(1);
-                self.frame.is_map_relative =
-                    last.is_some_and(|word| word.eq_ignore_ascii_case("MAP"));
-            }
-            "METRIC" | "FIELD" | "LAB" => {
-                let name = match keyword {
-                    "METRIC" => "METRES",
-                    "FIELD" => "FEET",
-                    _ => "CM",
-                };
-                self.frame.grid_unit = self.frame.grid_unit.or(length_unit(name).ok());
+            "MAPAXES" | "MAPUNITS" | "GRIDUNIT" | "METRIC" | "FIELD" | "LAB" => {
+                self.read_frame(keyword)?;
             }
             "INCLUDE" => self.include()?,
             "FAULTS" => self.read_faults()?,
@@ -465,6 +443,38 @@ impl GridReader<'_> {
             _ if BARE.contains(&keyword) => {}
             _ if RECORD_LISTS.contains(&keyword) => while !self.record(keyword)?.is_empty() {},
             _ => self.read_other(keyword)?,
+        }
+        Ok(())
+    }
+
+    /// Reads a keyword about units or the map.
+    fn read_frame(&mut self, keyword: &str) -> Result<()> {
+        match keyword {
+            "MAPAXES" => {
+                let axes = self.array(keyword, 6)?;
+                let axes = std::array::from_fn(|n| axes[n]);
+                self.notes.extend(self.frame.set_map_axes(axes));
+            }
+            "MAPUNITS" => {
+                let words = self.record(keyword)?;
+                self.frame.map_unit = self.unit(keyword, &words)?;
+            }
+            "GRIDUNIT" => {
+                let words = self.record(keyword)?;
+                self.frame.grid_unit = self.unit(keyword, &words)?;
+                // The two words may stand in one quoted text.
+                let last = words.iter().flat_map(|word| word.split_whitespace()).nth(1);
+                self.frame.is_map_relative =
+                    last.is_some_and(|word| word.eq_ignore_ascii_case("MAP"));
+            }
+            _ => {
+                let name = match keyword {
+                    "METRIC" => "METRES",
+                    "FIELD" => "FEET",
+                    _ => "CM",
+                };
+                self.frame.grid_unit = self.frame.grid_unit.or(length_unit(name).ok());
+            }
         }
         Ok(())
     }

@@ -95,6 +95,12 @@ impl ColumnEdge {
     }
 }
 
+/// Number of a named fault, and layers that it has at an edge.
+type NamedLayers = (usize, Range<usize>);
+
+/// A cell, and whether its bottom is meant or its top.
+type HorizonFace = ([usize; 3], bool);
+
 /// The surfaces of a grid, as they are collected.
 struct GridSurfaces<'a> {
     grid: &'a GridFile,
@@ -208,7 +214,7 @@ impl<'a> GridSurfaces<'a> {
         let [nx, ny, _] = self.grid.dims;
         let mut names: Vec<String> = Vec::new();
         // Layers of named faults at an edge, by its axis and its upper column.
-        let mut named: BTreeMap<(usize, [usize; 2]), Vec<(usize, Range<usize>)>> = BTreeMap::new();
+        let mut named: BTreeMap<(usize, [usize; 2]), Vec<NamedLayers>> = BTreeMap::new();
         for fault in self.grid.faults.iter().filter(|fault| fault.axis < 2) {
             let known = names.iter().position(|name| *name == fault.name);
             let index = known.unwrap_or_else(|| {
@@ -356,7 +362,7 @@ impl<'a> GridSurfaces<'a> {
     fn add_horizons(&mut self, property: &GridProperty) {
         let [nx, ny, _] = self.grid.dims;
         // Corners of faces (column, and layer whose top or bottom they are) by the values above and below.
-        let mut faces: BTreeMap<[Option<i64>; 2], Vec<([usize; 3], bool)>> = BTreeMap::new();
+        let mut faces: BTreeMap<[Option<i64>; 2], Vec<HorizonFace>> = BTreeMap::new();
         for column in 0..nx * ny {
             let at = [column % nx, column / nx];
             let mut above = None;
@@ -386,7 +392,7 @@ impl<'a> GridSurfaces<'a> {
             }
         }
         // Tops and bases of all values are one surface each.
-        let mut named: BTreeMap<(u8, [i64; 2]), Vec<([usize; 3], bool)>> = BTreeMap::new();
+        let mut named: BTreeMap<(u8, [i64; 2]), Vec<HorizonFace>> = BTreeMap::new();
         for (values, faces) in faces {
             let key = match values {
                 [None, _] => (0, [0; 2]),

@@ -285,7 +285,8 @@ class FeatureOptions(TypedDict, total=False):
     #: 100x400x208:f32be
     raw: _Value | None
     #: Distances between samples along the axes of the array, the fastest first, or one for all:
-    #: for an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
+    #: for an array without geometry (.npy, raw, .tif, .png), in place of those of the file, or of
+    #: the lattice on which a corner-point grid is sampled
     spacing: _Value | None
     #: The position of the first sample
     origin: _Value | None
@@ -348,7 +349,8 @@ class InfoOptions(TypedDict, total=False):
     #: 100x400x208:f32be
     raw: _Value | None
     #: Distances between samples along the axes of the array, the fastest first, or one for all:
-    #: for an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
+    #: for an array without geometry (.npy, raw, .tif, .png), in place of those of the file, or of
+    #: the lattice on which a corner-point grid is sampled
     spacing: _Value | None
     #: The position of the first sample
     origin: _Value | None
@@ -423,7 +425,8 @@ class ConvertOptions(TypedDict, total=False):
     #: 100x400x208:f32be
     raw: _Value | None
     #: Distances between samples along the axes of the array, the fastest first, or one for all:
-    #: for an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
+    #: for an array without geometry (.npy, raw, .tif, .png), in place of those of the file, or of
+    #: the lattice on which a corner-point grid is sampled
     spacing: _Value | None
     #: The position of the first sample
     origin: _Value | None
@@ -490,6 +493,65 @@ class QualityOptions(TypedDict, total=False):
     #: Also write the lines where features, or a feature and a side of the box, meet at less than
     #: 30 degrees, with their angles
     lines: _Path | None
+    #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
+    #: 100x400x208:f32be
+    raw: _Value | None
+    #: Distances between samples along the axes of the array, the fastest first, or one for all:
+    #: for an array without geometry (.npy, raw, .tif, .png), in place of those of the file, or of
+    #: the lattice on which a corner-point grid is sampled
+    spacing: _Value | None
+    #: The position of the first sample
+    origin: _Value | None
+    #: Units of x, y and z (in this order, whatever the axes are), or one for all, such as m, ft,
+    #: ms, um. They replace those of the file; numbers are not converted
+    unit: _Value | None
+    #: The axes of the array, the fastest first: x, y, z (-z where the coordinate decreases from
+    #: sample to sample), or time, depth, sample (all downwards), crossline, inline [default: those
+    #: of the file, or x,y,z]
+    axes: _Value | None
+    #: Distance between samples along the vertical axis (time, depth or z), in its unit, in place
+    #: of that of the file
+    interval: _Number | None
+    #: Take the geometry of this image, which has as many samples (.sgy, .vti ...)
+    geometry_from: _Path | None
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without this
+    #: option common null values are recognised, and traces that are zero throughout count as
+    #: missing
+    null: _Value | None
+    #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
+    #: left out, and neither they nor their edge are features
+    mask: _Path | None
+    #: The block of the image to read, both ends included: ranges of line numbers, of coordinates
+    #: or of indices from 0, separated by commas, such as inline=100:200,time=1000:1500,
+    #: x=A:B,y=A:B,z=A:B or i=A:B. Everything is as if the file held only this block
+    crop: _Value | None
+    #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
+    #: .vtp), or an image with as many samples that is 0 outside
+    inside: _Path | None
+    #: A segmentation of 3D Slicer (.seg.nrrd) or of DICOM whose segments overlap: the number of
+    #: the layer to read, from 0
+    layer: int | None
+    #: Names of the labels of the image: a table of ITK-SNAP, FreeSurfer or 3D Slicer, or one of
+    #: values and names (.csv, .tsv). none: not those of a table that lies beside the image
+    label_table: _Path | None
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
+    domain: Literal["time", "depth"] | None
+    #: SEG-Y: trace header byte of the inline number [default: 189]
+    inline_byte: int | None
+    #: SEG-Y: trace header byte of the crossline number [default: 193]
+    crossline_byte: int | None
+    #: SEG-Y: trace header byte of the x coordinate [default: 181]
+    x_byte: int | None
+    #: SEG-Y: trace header byte of the y coordinate [default: 185]
+    y_byte: int | None
+    #: SEG-Y: trace header byte of the coordinates' scale factor [default: 71]
+    scalar_byte: int | None
+    #: SEG-Y: trace header byte of the first sample's time in ms [default: 109]
+    delay_byte: int | None
+    #: SEG-Y: trace header byte of the sample interval in microseconds [default: 117]
+    interval_byte: int | None
     #: Largest memory to use, such as 8G or 500M. A job that would need more is refused before it
     #: begins [default: the free memory]
     max_memory: int | None
@@ -504,7 +566,8 @@ class ReportOptions(TypedDict, total=False):
     #: 100x400x208:f32be
     raw: _Value | None
     #: Distances between samples along the axes of the array, the fastest first, or one for all:
-    #: for an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
+    #: for an array without geometry (.npy, raw, .tif, .png), in place of those of the file, or of
+    #: the lattice on which a corner-point grid is sampled
     spacing: _Value | None
     #: The position of the first sample
     origin: _Value | None
@@ -617,7 +680,8 @@ class EditOptions(TypedDict, total=False):
     #: 100x400x208:f32be
     raw: _Value | None
     #: Distances between samples along the axes of the array, the fastest first, or one for all:
-    #: for an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
+    #: for an array without geometry (.npy, raw, .tif, .png), in place of those of the file, or of
+    #: the lattice on which a corner-point grid is sampled
     spacing: _Value | None
     #: The position of the first sample
     origin: _Value | None
@@ -691,7 +755,8 @@ class ColumnsOptions(TypedDict, total=False):
     #: 100x400x208:f32be
     raw: _Value | None
     #: Distances between samples along the axes of the array, the fastest first, or one for all:
-    #: for an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
+    #: for an array without geometry (.npy, raw, .tif, .png), in place of those of the file, or of
+    #: the lattice on which a corner-point grid is sampled
     spacing: _Value | None
     #: The position of the first sample
     origin: _Value | None
@@ -786,7 +851,8 @@ class ExportOptions(TypedDict, total=False):
     #: 100x400x208:f32be
     raw: _Value | None
     #: Distances between samples along the axes of the array, the fastest first, or one for all:
-    #: for an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
+    #: for an array without geometry (.npy, raw, .tif, .png), in place of those of the file, or of
+    #: the lattice on which a corner-point grid is sampled
     spacing: _Value | None
     #: The position of the first sample
     origin: _Value | None
@@ -977,7 +1043,8 @@ class SliceOptions(TypedDict, total=False):
     #: 100x400x208:f32be
     raw: _Value | None
     #: Distances between samples along the axes of the array, the fastest first, or one for all:
-    #: for an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
+    #: for an array without geometry (.npy, raw, .tif, .png), in place of those of the file, or of
+    #: the lattice on which a corner-point grid is sampled
     spacing: _Value | None
     #: The position of the first sample
     origin: _Value | None
@@ -1084,7 +1151,8 @@ class SurfaceOptions(TypedDict, total=False):
     #: 100x400x208:f32be
     raw: _Value | None
     #: Distances between samples along the axes of the array, the fastest first, or one for all:
-    #: for an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
+    #: for an array without geometry (.npy, raw, .tif, .png), in place of those of the file, or of
+    #: the lattice on which a corner-point grid is sampled
     spacing: _Value | None
     #: The position of the first sample
     origin: _Value | None
@@ -1160,7 +1228,8 @@ class PaintOptions(TypedDict, total=False):
     #: 100x400x208:f32be
     raw: _Value | None
     #: Distances between samples along the axes of the array, the fastest first, or one for all:
-    #: for an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
+    #: for an array without geometry (.npy, raw, .tif, .png), in place of those of the file, or of
+    #: the lattice on which a corner-point grid is sampled
     spacing: _Value | None
     #: The position of the first sample
     origin: _Value | None
@@ -1236,7 +1305,8 @@ class SegmentOptions(TypedDict, total=False):
     #: 100x400x208:f32be
     raw: _Value | None
     #: Distances between samples along the axes of the array, the fastest first, or one for all:
-    #: for an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
+    #: for an array without geometry (.npy, raw, .tif, .png), in place of those of the file, or of
+    #: the lattice on which a corner-point grid is sampled
     spacing: _Value | None
     #: The position of the first sample
     origin: _Value | None
